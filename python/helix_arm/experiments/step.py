@@ -7,7 +7,7 @@ from typing import Dict, List, Optional, Sequence, Tuple
 import numpy as np
 
 from helix_arm import _core
-from helix_arm.experiments.figures import Figure, correlated_mean, jackknife, of_repeats
+from helix_arm.experiments.figures import NORMAL, Figure, correlated_mean, jackknife, of_repeats
 from helix_arm.experiments.protocol import BASE, Analysis, Course, Curve, Options, Plot, Recordings, Trial, base_shares, driven
 from helix_arm.experiments.rig import Recording, Rig
 from helix_arm.scene import Scene
@@ -15,7 +15,8 @@ from helix_arm.scene import Scene
 REPEATS, HOLD_S, TOP = 5, 8.0, 0.6  # TOP: share of the range
 LEVELS = {"t5": (0.05, "dead time"), "t63": (0.63, "63 % time"), "t90": (0.90, "90 % time"), "t98": (0.98, "98 % time")}
 LEAST, STILL, STILL_S = 0.2, 0.05, 0.1  # changes of the range of pressure that are a step, and that are none
-PEAK = 2.5  # half width of what is fitted to a peak, by the spacing of the readings
+MISFIT, LEAST_WIDTH = 1.3, 1.5  # variance about a fit, by that of the noise; half width of a fit, by the spacing of readings
+SURE = 4.5  # standard deviations of a fitted value
 FINAL, BEFORE_S = 0.2, 1.0  # part of the hold whose mean is the final value; time before a step whose mean is the start
 
 
@@ -102,42 +103,82 @@ def _smooth(parts: Sequence[Response]) -> Tuple[np.ndarray, np.ndarray]:
     return np.convolve(time[order], kernel, "valid"), np.convolve(value[order], kernel, "valid")
 
 
-def _fit(parts: Sequence[Response], centre: float, half: float) -> np.ndarray:
-    """Coefficients, highest first, of the quadratic in time - centre through the readings within half of it."""
+def _pooled(parts: Sequence[Response]) -> Tuple[np.ndarray, np.ndarray]:
     time, value = (np.concatenate([getattr(one, name) for one in parts]) for name in ("time", "part"))
-    near = np.abs(time - centre) <= half
-    return np.polyfit(time[near] - centre, value[near], 2 if near.sum() > 5 else 1)
+    return time, value
 
 
-def time_to(parts: Sequence[Response], level: float) -> float:
-    """When the responses together first reach this part [s]."""
+def _local(parts: Sequence[Response], centres: np.ndarray, half: float) -> Tuple[np.ndarray, np.ndarray]:
+    """Values at times (k,) of quadratics through the readings within half of each, at least four, and the variances about these."""
+    time, value = _pooled(parts)
+    order = np.argsort(time, kind="stable")
+    time, value = time[order], value[order]
+    begins, ends = np.searchsorted(time, centres - half), np.searchsorted(time, centres + half)
+    lack = np.maximum(4 - (ends - begins), 0)
+    begins = np.clip(begins - (lack + 1) // 2, 0, len(time) - 4)
+    ends = np.maximum(ends, begins + 4)
+    rows = begins[:, None] + np.arange((ends - begins).max())
+    near = rows < ends[:, None]
+    rows = np.minimum(rows, len(time) - 1)
+    x, y = np.where(near, (time[rows] - centres[:, None]) / half, 0.0), np.where(near, value[rows], 0.0)
+    columns = np.stack([near.astype(float), x, x * x], axis=2)
+    normal = np.einsum("kri,krj->kij", columns, columns) + 1e-12 * np.eye(3)
+    fit = np.linalg.solve(normal, np.einsum("kri,kr->ki", columns, y)[..., None])[..., 0]
+    rest = np.sum((y - np.einsum("kri,ki->kr", columns, fit)) ** 2, axis=1)
+    return fit[:, 0], rest / np.maximum(ends - begins - 3, 1)
+
+
+def _noise(parts: Sequence[Response]) -> float:
+    """Variance of a reading, from the final part, of each repeat by itself."""
+    rests = [one.part[one.time > (1 - FINAL) * one.time[-1]] for one in parts]
+    return float(np.mean([np.var(np.diff(rest)) / 2 for rest in rests]))
+
+
+def _width(parts: Sequence[Response], centre: float, widest: float) -> float:
+    """Half of the largest width at which a quadratic fits within the noise, so that its bias is far below that."""
+    noise, half, least = _noise(parts), 2 * LEAST_WIDTH * parts[0].spacing, LEAST_WIDTH * parts[0].spacing
+    while half < widest and _local(parts, np.array([centre]), 1.4 * half)[1][0] < MISFIT * noise:
+        half *= 1.4
+    return max(half / 2, least)
+
+
+def time_to(parts: Sequence[Response], level: float) -> Tuple[float, float]:
+    """When the responses together first reach this part [s], and its standard error."""
     time, value = _smooth(parts)
 
     def first(part: float) -> float:
         above = value >= part
         return float(time[np.argmax(above)]) if above.any() else float(time[-1])
 
-    rough, beside = first(level), min(0.15, 1.5 * max(1 - level, 0.02))
-    other = first(level + beside) if level < 0.5 else first(level - beside)
-    half = max(abs(other - rough), 1.5 * parts[0].spacing)
-    fit = _fit(parts, rough, half)
-    roots = np.roots(np.append(fit[:-1], fit[-1] - level))
-    real = roots[np.abs(roots.imag) < 1e-9].real
-    slope = fit[-2]
-    shift = real[np.argmin(np.abs(real))] if len(real) else (level - fit[-1]) / slope
-    return rough + float(np.clip(shift, -half, half))
+    rough = first(level)
+    half = _width(parts, rough, max(rough, 4 * parts[0].spacing))
+    begin = max(first(level - 0.25) - half, float(time[0])) if level > 0.25 else max(rough - 4 * half, float(time[0]))
+
+    def crossing(some: Sequence[Response], beyond: float = 0.0, end: float = min(rough + 6 * half, float(time[-1]))) -> float:
+        grid = np.arange(begin, end, half / 3)
+        above = _local(some, grid, half)[0] - level - beyond
+        i = int(np.argmax((above[1:] >= 0) & (above[:-1] < 0)))
+        if not above[i] < 0 <= above[i + 1]:
+            return end
+        return float(grid[i] - above[i] * (grid[i + 1] - grid[i]) / (above[i + 1] - above[i]))
+
+    found, error = jackknife(parts, crossing)
+    # Ringing that almost touches the level: by noise, the first crossing may be another one.
+    sure = SURE * np.sqrt(_noise(parts) / max(float(np.sum(np.abs(time - rough) <= half)), 4.0))
+    other = max(abs(crossing(parts, beyond, float(time[-1])) - found) for beyond in (sure, -sure))
+    return found, max(error, other / NORMAL if other > 2 * SURE * error else 0.0)
 
 
 def overshoot(parts: Sequence[Response]) -> Tuple[float, float]:
     """Largest part beyond 1 [%]. The others tell where it is, so that noise does not choose its maximum."""
-    found, last = [], min(one.time[-1] for one in parts)
-    for i, one in enumerate(parts):
-        time, value = _smooth([*parts[:i], *parts[i + 1:]])
-        half = PEAK * one.spacing
-        inside = (time > half) & (time < last - half)
-        peak = float(time[inside][np.argmax(value[inside])])
-        found.append(100 * (float(_fit([one], peak, half)[-1]) - 1))
-    return of_repeats(found)
+    time, value = _smooth(parts)
+    inside = (time > 0) & (time < (1 - FINAL) * min(one.time[-1] for one in parts))
+    peak = float(time[inside][np.argmax(value[inside])])
+    half = max(min(_width(parts, peak, peak), float(time[np.argmax(value >= 0.63)]) / 4), LEAST_WIDTH * parts[0].spacing)
+    grid = np.arange(half, time[inside][-1], half / 3)
+    curves = np.array([_local([one], grid, half)[0] for one in parts])
+    places = [int(np.argmax(np.delete(curves, i, 0).mean(axis=0))) for i in range(len(parts))]
+    return of_repeats([100 * (curves[i, place] - 1) for i, place in enumerate(places)])
 
 
 Group = List[Tuple[Recording, int, Step, int]]  # recording, actuator, step, row of the step before
@@ -169,13 +210,16 @@ def _groups(recordings: Recordings, names: Sequence[str]) -> Dict[str, Group]:
 def _times(name: str, what: str, parts: List[Response]) -> List[Figure]:
     out = []
     for symbol, (level, words) in LEVELS.items():
-        value, error = jackknife(parts, lambda some: time_to(some, level))
+        value, error = time_to(parts, level)
         out.append(Figure(f"{name} {words}, {what}", symbol, value, error, "s",
                           f"Time from the start of the commanded step until the {what} has gone {100 * level:g} % of its way to the "
                           "mean of the last fifth of the hold (step response of IEC 60050-351); all repeats together, jackknife."))
     value, error = overshoot(parts)
+    if value < 3 * error:
+        return out + [Figure.unknown(f"{name} overshoot, {what}", "o", "%", "the response does not overshoot by three standard errors.")]
     out.append(Figure(f"{name} overshoot, {what}", "o", value, error, "%",
-                      f"Largest excess of the {what} over that mean, in parts of the way; scatter of the repeats."))
+                      f"Largest excess of the {what} over that mean before the last fifth of the hold, in parts of the way; "
+                      "scatter of the repeats."))
     return out
 
 
@@ -191,7 +235,8 @@ def _responses(group: Group, what: str) -> List[Response]:
 def analyse(recordings: Recordings, names: Sequence[str], scene: Optional[Scene] = None) -> Analysis:
     """recordings: steps of one actuator at a time, each size at least twice; or releases without a pressure."""
     out = Analysis()
-    for name, group in _groups(recordings, names).items():
+    groups = _groups(recordings, names)
+    for name, group in groups.items():
         curves = []
         for what in ("pressure", "tip"):
             parts = _responses(group, what)
@@ -203,11 +248,17 @@ def analyse(recordings: Recordings, names: Sequence[str], scene: Optional[Scene]
         out.plots.append(Plot(f"{name}: response", "time since the command [s]", "part of the step", curves))
         if " up" in name:
             out.figures.append(_drift(name, group))
-    moved: Dict[str, List[Recording]] = {}
+    rings: Dict[str, List[Tuple[np.ndarray, np.ndarray]]] = {}
+    for name, group in groups.items():
+        quiet = [one.value for one in out.figures if one.symbol == "t98" and one.name.startswith(name) and one.name.endswith("pressure")]
+        for recording, actuator, step, _ in group:
+            time = recording.time_s
+            rows = recording.seen() & (time > time[step.begin] + max(quiet, default=0.0)) & (time <= time[step.end])
+            rings.setdefault(names[actuator], []).append((time[rows] - time[step.begin], recording.tip_m[rows]))
     for recording in recordings.values():
-        name = names[driven(recording)[0]] if recording.measured_pa.size else "arm"
-        moved.setdefault(name, []).append(recording)
-    for name, some in moved.items():
+        if not recording.measured_pa.size:
+            rings.setdefault("arm", []).append((recording.time_s[recording.seen()], recording.tip_m[recording.seen()]))
+    for name, some in rings.items():
         out.figures += _ringing(name, some)
     return out
 
@@ -231,15 +282,16 @@ def _drift(name: str, group: Group) -> Figure:
                   "time count as fewer.")
 
 
-def _ringing(name: str, recordings: List[Recording]) -> List[Figure]:
-    """Of all releases and steps, as helix_arm calibrate --fit mode."""
-    seen = [(one.time_s[one.seen()], one.measured_pa[one.seen()], one.tip_m[one.seen()]) for one in recordings]
-    found = _core._ringing(*(np.concatenate(parts) for parts in zip(*seen)))
+def _ringing(name: str, rings: List[Tuple[np.ndarray, np.ndarray]]) -> List[Figure]:
+    """rings: times and tips of releases, or after steps, once the pressure has come to its end; as helix_arm calibrate --fit mode."""
+    time, tip = (np.concatenate(parts) for parts in zip(*rings))
+    found = _core._ringing(time, np.zeros((len(time), 0)), tip)
     out = []
     for key, symbol, words, unit in (("frequency_hz", "f", "frequency", "Hz"), ("damping", "zeta", "damping ratio", "1")):
         if found["reason"]:
             out.append(Figure.unknown(f"{name} {words}", symbol, unit, found["reason"] + "."))
         else:
-            out.append(Figure(f"{name} {words}", symbol, *found[key], unit, f"Natural {words} of the slowest ringing after steps or "
-                              "releases, common to all; a decaying sine beside an exponential, residuals correlated in time."))
+            out.append(Figure(f"{name} {words}", symbol, *found[key], unit, f"Natural {words} of the slowest ringing after releases, or "
+                              "after steps once the pressure has gone 98 % of its way; a decaying sine beside an exponential, "
+                              "residuals correlated in time."))
     return out
