@@ -14,13 +14,13 @@ from std_srvs.srv import Trigger
 from helix_arm.arguments import require
 from helix_arm.experiments.rig import FASTEST_S, Inputs, Recording, RowSink
 from helix_arm.file_access import quoted
-from helix_arm.msg import ArmShape, ExternalLoad, PressureArray, SafetyState, TargetStatus, VisionStatus
+from helix_arm.msg import ArmShape, ExternalLoad, LoopStatus, PressureArray, SafetyState, TargetStatus, VisionStatus
 from helix_arm.node import LONGEST_MESSAGE, end, listen, log
 from helix_arm.rest_request import CommandTrace, request_rest
 from helix_arm.scene import Scene
 
 TOPICS = {"pressure_command": PressureArray, "pressure_measured": PressureArray, "measured": ArmShape, "vision_status": VisionStatus,
-          "external_load": ExternalLoad, "safety_state": SafetyState, "target_status": TargetStatus}
+          "external_load": ExternalLoad, "loop_status": LoopStatus, "safety_state": SafetyState, "target_status": TargetStatus}
 SILENCE = 1.0  # longest one of the readings [s]
 UNSEEN = 2.0  # longest time without a picture in which the tip is seen [s]
 PATIENCE = 3.0  # longest wait until the arm follows [s]
@@ -146,8 +146,12 @@ class LiveRig:
                 return self._refusal
             if is_silent("measured", UNSEEN):
                 return f"the arm was not seen for {UNSEEN:g} s: " + said("vision_status", "message")
+            if self.ignore_contacts:
+                return ""
+            # Where the loop is up, it knows of a muscle that leaks or has lost its hose.
+            suspect = said("loop_status", "message")
             touched = "external_load" in self._last and self._last["external_load"][1].state == ExternalLoad.CONTACT
-            return said("external_load", "message") if touched and not self.ignore_contacts else ""
+            return said("external_load", "message") if touched else suspect if suspect.startswith("suspect ") else ""
 
     def _take(self, end_s: float) -> np.ndarray:
         """The rows before this time, which pictures no longer change; they are given once."""

@@ -14,8 +14,8 @@ from actionlib_msgs.msg import GoalStatus
 from std_srvs.srv import SetBool, Trigger
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", "support"))
-from helix_arm.msg import (ArmShape, ExternalLoad, PressureArray, RunExperimentAction, RunExperimentGoal,  # noqa: E402
-                           SafetyState)
+from helix_arm.msg import (ArmShape, ExternalLoad, LoopStatus, PressureArray, RunExperimentAction,  # noqa: E402
+                           RunExperimentGoal, SafetyState)
 from ros_case import Inbox, RosCase, wait_for  # noqa: E402
 
 
@@ -110,13 +110,19 @@ class Experiments(RosCase):
         self.send()
         self.assertIn("enable", self.ended()[1].message)
 
-    def test_contact_and_loss_of_sight_end_the_run(self):
+    def test_contact_a_leak_and_loss_of_sight_end_the_run(self):
         load = rospy.Publisher("external_load", ExternalLoad, queue_size=1, latch=True)
         self.under_way("muscle_1")
         load.publish(ExternalLoad(state=ExternalLoad.CONTACT, message="contact with the arm; clear it"))
         self.assertIn("contact with the arm", self.ended()[1].message)
         self.assert_vented()
         load.publish(ExternalLoad(state=ExternalLoad.NONE))
+        loop = rospy.Publisher("loop_status", LoopStatus, queue_size=1, latch=True)
+        self.enable()
+        self.under_way("muscle_1")
+        loop.publish(LoopStatus(message="suspect 1: pressure_gain (muscle_1) explains 90 %: it leaks; the loop has no target"))
+        self.assertIn("it leaks", self.ended()[1].message)
+        loop.publish(LoopStatus(message="the loop has no target"))
         self.enable()
         self.under_way("muscle_1")
         self.vision.__exit__()
