@@ -55,6 +55,10 @@ class FileAccess:
             raise ValueError(f"{named}, but {folder} cannot be written ({why}); expected a path in a folder that can")
         return path
 
+    def folder(self, what: str, given: str) -> str:
+        """Of a folder, whose name has no ending."""
+        return self._resolved(what, given, ("",))
+
     def _resolved(self, what: str, given: str, endings: Sequence[str]) -> str:
         # The system would cut a path at a null character, and messages repeat it.
         is_line = "\n" not in given and _core._printable(given.encode("utf-8", "surrogateescape")) == given

@@ -45,6 +45,7 @@ Subcommand addInverse(CLI::App& app);
 Subcommand addCheck(CLI::App& app);
 Subcommand addDoctor(CLI::App& app);
 Subcommand addEvaluate(CLI::App& app);
+Subcommand addExperiment(CLI::App& app);
 Subcommand addFit(CLI::App& app);
 Subcommand addCalibrate(CLI::App& app);
 Subcommand addCamera(CLI::App& app);

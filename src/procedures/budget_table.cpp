@@ -80,7 +80,7 @@ std::string driftText(const estimation::Drift& drift) {
 }
 
 std::string budgetText(const TipErrorBudget& budget) {
-  std::string out;
+  std::string out = "error budget, 1 sd\n";
   for (const BudgetRow& row : budgetRows(budget)) {
     out += basics::format("%.2f mm %s\n", 1e3 * row.worst, row.name.c_str());
   }

@@ -14,7 +14,6 @@
 #include "helix_arm/control/safety.hpp"
 #include "helix_arm/procedures/commissioning.hpp"
 #include "helix_arm/procedures/suspect_watch.hpp"
-#include "helix_arm/simulation/rig.hpp"
 
 namespace helix_arm::procedures {
 
@@ -270,19 +269,8 @@ void requireRigOf(const io::Scene& scene, const io::Scene& rig) {
 }
 
 Lockstep lockstepOf(const io::Scene& scene, const io::Scene& rig, const FollowPlan& plan) {
-  requireVision(scene);
-  requireVision(rig);
-  requireRigOf(scene, rig);
-  auto camera = rig.cameraSetup();
-  camera->config.seed = plan.seed;
-  const simulation::SimulatedVisionConfig vision{plan.vision, 0.3, plan.seed};
-  simulation::SimulatedRig true_rig(rig.model, simulatedConfigOf(rig, plan.seed),
-                                    rig.simulation.arm);
-  if (!plan.plant.empty()) {
-    true_rig.takeArm(std::make_unique<simulation::Plant>(plan.plant, rig.arm, rig.tags->tags));
-  }
-  return {{scene.model, std::move(true_rig),
-           simulation::SimulatedVision(*camera, scene.view(), localizerConfigOf(scene), vision),
+  SeenRig seen = seenRigOf(scene, rig, plan.plant, plan.vision, plan.seed);
+  return {{scene.model, std::move(seen.rig), std::move(seen.vision),
            control::SafetyCore(scene.safety.channels, scene.safety.rules),
            follow::VisualServo(scene.model, loopConfigOf(scene)), SuspectWatch(scene)},
           plan.latency,
@@ -453,6 +441,22 @@ std::optional<follow::PathRefusal> checkPath(const io::Scene& scene, const contr
   std::transform(channels.begin(), channels.end(), rules.slew.begin(),
                  [](const control::ChannelRules& channel) { return channel.slew; });
   return follow::checkPath(path, scene.arm, solver, scene.arm.inputAt(0.0), rules);
+}
+
+SeenRig seenRigOf(const io::Scene& scene, const io::Scene& rig, const std::string& plant,
+                  simulation::VisionKind kind, std::uint32_t seed) {
+  requireVision(scene);
+  requireVision(rig);
+  requireRigOf(scene, rig);
+  auto camera = rig.cameraSetup();
+  camera->config.seed = seed;
+  const simulation::SimulatedVisionConfig vision{kind, 0.3, seed};
+  simulation::SimulatedRig true_rig(rig.model, simulatedConfigOf(rig, seed), rig.simulation.arm);
+  if (!plant.empty()) {
+    true_rig.takeArm(std::make_unique<simulation::Plant>(plant, rig.arm, rig.tags->tags));
+  }
+  return {std::move(true_rig),
+          simulation::SimulatedVision(*camera, scene.view(), localizerConfigOf(scene), vision)};
 }
 
 FollowResult runFollow(const io::Scene& scene, const FollowPlan& plan,

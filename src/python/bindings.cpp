@@ -338,6 +338,7 @@ PYBIND11_MODULE(_core, module) {
   bindModel(scene);
   bindMeasurements(scene);
   bindRecordings(module, scene);
+  bindExperiments(module, scene);
   bindNodes(module, scene);
   refuseUnmade(module);
   module.attr("version") = HELIX_ARM_VERSION;

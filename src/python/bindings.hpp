@@ -199,6 +199,8 @@ void bindModel(py::class_<Scene>& scene);
 void bindMeasurements(py::class_<Scene>& scene);
 /// What the node calibration takes from the library.
 void bindRecordings(py::module_& module, py::class_<Scene>& scene);
+/// What helix_arm.experiments takes from the library.
+void bindExperiments(py::module_& module, py::class_<Scene>& scene);
 /// What the nodes in Python take from the library.
 void bindNodes(py::module_& module, py::class_<Scene>& scene);
 

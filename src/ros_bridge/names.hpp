@@ -48,6 +48,7 @@ inline constexpr char kEmergencyStop[] = "emergency_stop";
 inline constexpr char kRecordSample[] = "record_sample";
 inline constexpr char kSave[] = "save";
 inline constexpr char kRunCalibration[] = "run_calibration";
+inline constexpr char kRunExperiment[] = "run_experiment";
 inline constexpr char kCloseLoop[] = "close_loop";
 inline constexpr char kReset[] = "reset";
 inline constexpr char kFollowTipPath[] = "follow_tip_path";
@@ -57,6 +58,7 @@ inline constexpr char kPressureCommandNode[] = "pressure_command";
 inline constexpr char kSimulatedRigNode[] = "simulated_rig";
 inline constexpr char kVisionNode[] = "vision";
 inline constexpr char kCalibrationNode[] = "calibration";
+inline constexpr char kExperimentNode[] = "experiment";
 inline constexpr char kVisualServoNode[] = "visual_servo";
 
 // Name of the commander when the interactive marker is dragged in any rviz.

@@ -7,9 +7,12 @@
 #include <QProgressBar>
 #include <QPushButton>
 #include <QScrollArea>
+#include <QScrollBar>
 #include <QSignalBlocker>
 #include <QSize>
 #include <QSlider>
+#include <QTabBar>
+#include <QTabWidget>
 #include <QTimer>
 #include <QVBoxLayout>
 #include <algorithm>
@@ -49,18 +52,61 @@ QPushButton* makeButton(QWidget* parent, const char* name, const char* text,
   return button;
 }
 
-/// Start, progress, end and result of a calibration.
-class CalibrationBox : public QGroupBox {
+/// The page of a tab: as wide as its content needs, scrolled where that is higher than the window.
+class Page : public QScrollArea {
  public:
-  CalibrationBox(QWidget* parent, const Run& run) : QGroupBox("Calibration", parent) {
-    auto* const grid = new QGridLayout(this);
+  Page(QTabWidget* tabs, const char* title, QWidget* content) : QScrollArea(tabs) {
+    setWidgetResizable(true);
+    setFrameShape(QFrame::NoFrame);
+    setHorizontalScrollBarPolicy(Qt::ScrollBarAlwaysOff);
+    setWidget(content);
+    tabs->addTab(this, title);
+  }
+  QSize minimumSizeHint() const override {
+    const int width = widget()->minimumSizeHint().width() + verticalScrollBar()->sizeHint().width();
+    return {width, QScrollArea::minimumSizeHint().height()};
+  }
+};
+
+constexpr int kMargin = 4;  // around the content of a page, and between its parts [px]
+constexpr int kFrame = 20;  // beside a text in a button or title [px]
+
+/// The layout of the content of a page, which keeps to its top.
+QGridLayout* makeGrid(QWidget* content) {
+  auto* const grid = new QGridLayout(content);
+  grid->setContentsMargins(kMargin, kMargin, kMargin, kMargin);
+  grid->setSpacing(kMargin);
+  grid->setAlignment(Qt::AlignTop);
+  return grid;
+}
+
+/// The first row of a page: what may run, or in its place how far the run is, and narrow buttons.
+void addRunRow(QGridLayout* grid, QComboBox* choice, QProgressBar* progress,
+               std::initializer_list<QPushButton*> buttons) {
+  choice->setFocusPolicy(Qt::ClickFocus);
+  choice->setSizeAdjustPolicy(QComboBox::AdjustToMinimumContentsLengthWithIcon);
+  progress->setFixedHeight(choice->sizeHint().height());  // nothing moves when the run begins
+  grid->setColumnStretch(0, 1);
+  grid->addWidget(choice, 0, 0);
+  grid->addWidget(progress, 0, 0);
+  int column = 1;
+  for (QPushButton* const button : buttons) {
+    button->setFixedWidth(button->fontMetrics().horizontalAdvance(button->text()) + kFrame);
+    grid->addWidget(button, 0, column++);
+  }
+}
+
+/// Start, progress, end and result of a calibration.
+class CalibrationBox : public QWidget {
+ public:
+  explicit CalibrationBox(const Run& run) {
+    auto* const grid = makeGrid(this);
     fit_ = new QComboBox(this);
     fit_->setObjectName("fit");
     // The first one is usual: what a built arm and the places of its tags differ in from a scene.
     fit_->addItems({"stiffness length_scale placement", "stiffness", "stiffness length_scale",
                     "response stiffness length_scale", kWalk});
     fit_->setToolTip("What is fitted; walk: one muscle at a time, is all where the scene says?");
-    fit_->setFocusPolicy(Qt::ClickFocus);
     start_ = makeButton(this, "calibration_start", "Start", [this, run] {
       std::vector<std::string> words;
       for (const QString& word : fit_->currentText().split(' '))
@@ -73,17 +119,11 @@ class CalibrationBox : public QGroupBox {
                       [run] { run([](CockpitLink& link) { link.useCalibration(); }); });
     progress_ = new QProgressBar(this);
     progress_->setObjectName("calibration_progress");
-    // In the place of what is fitted, which cannot be changed meanwhile: nothing moves.
-    progress_->setFixedHeight(fit_->sizeHint().height());
     text_ = makeText(this, "calibration");
     warnings_ = makeText(this, "calibration_warnings");
-    grid->addWidget(fit_, 0, 0, 1, 3);
-    grid->addWidget(start_, 1, 0);
-    grid->addWidget(cancel_, 1, 1);
-    grid->addWidget(use_, 1, 2);
-    grid->addWidget(progress_, 0, 0, 1, 3);
-    grid->addWidget(warnings_, 2, 0, 1, 3);
-    grid->addWidget(text_, 3, 0, 1, 3);
+    addRunRow(grid, fit_, progress_, {start_, cancel_, use_});
+    grid->addWidget(warnings_, 1, 0, 1, -1);
+    grid->addWidget(text_, 2, 0, 1, -1);
   }
 
   void display(const CockpitView& view) {
@@ -110,16 +150,60 @@ class CalibrationBox : public QGroupBox {
   QLabel *text_, *warnings_;
 };
 
+/// Start, progress, stop and figures of an experiment.
+class ExperimentBox : public QWidget {
+ public:
+  explicit ExperimentBox(const Run& run) {
+    auto* const grid = makeGrid(this);
+    name_ = new QComboBox(this);
+    name_->setObjectName("experiment_name");
+    name_->addItems({"step", "hysteresis", "bode", "repeatability", "creep", "workspace", "all"});
+    name_->setToolTip("What is measured: docs/experiments.md");
+    start_ = makeButton(this, "experiment_start", "Start", [this, run] {
+      const std::string name = name_->currentText().toStdString();
+      run([&](CockpitLink& link) { link.startExperiment(name); });
+    });
+    stop_ = makeButton(this, "experiment_stop", "Stop",
+                       [run] { run([](CockpitLink& link) { link.stopExperiment(); }); });
+    progress_ = new QProgressBar(this);
+    progress_->setObjectName("experiment_progress");
+    text_ = makeText(this, "experiment");
+    addRunRow(grid, name_, progress_, {start_, stop_});
+    grid->addWidget(text_, 1, 0, 1, -1);
+  }
+
+  void display(const CockpitView& view) {
+    const CockpitExperiment& run = view.experiment;
+    offer(start_, mayExperiment(view), "Moves the arm through all of its range, and measures it");
+    offer(stop_, mayStopExperiment(view), "Vents the arm; what was recorded is kept");
+    name_->setVisible(!run.running);
+    progress_->setVisible(run.running);
+    progress_->setValue(static_cast<int>(100 * run.progress.progress));
+    showWords(text_, experimentWords(view));
+  }
+
+ private:
+  QComboBox* name_;
+  QPushButton *start_, *stop_;
+  QProgressBar* progress_;
+  QLabel* text_;
+};
+
 constexpr double kStep = 100;            // of a slider [Pa]
 constexpr int kKeyed = 10, kPage = 100;  // of its arrow and page keys [kStep]
 constexpr double kKilo = 1e3;            // Pa per kPa
+constexpr int kLeastSlider = 30;         // [px]
+
+/// The first line of a page: what it is, or why nothing can be commanded there.
+void showHeading(QLabel* label, const char* what, const std::string& why_not) {
+  showWords(label, why_not.empty() ? Words{what} : Words{why_not, Tone::kCaution});
+}
 
 /// One row per actuator: name, slider, its limits, number [kPa], reading.
-class PressureBox : public QGroupBox {
+class PressureBox : public QWidget {
  public:
-  PressureBox(QWidget* parent, Run run)
-      : QGroupBox("Pressures [kPa gauge]", parent), run_(std::move(run)) {
-    grid_ = new QGridLayout(this);
+  explicit PressureBox(Run run) : run_(std::move(run)) {
+    grid_ = makeGrid(this);
     grid_->setColumnStretch(1, 1);
     why_not_ = new FixedText(this, "pressures_why_not", 1);
     grid_->addWidget(why_not_, 0, 0, 1, kColumns);
@@ -157,7 +241,7 @@ class PressureBox : public QGroupBox {
       if (!types) row.value->setValue(shown / kKilo);
     }
     if (rows_.empty()) why_not = "no pressure_command has come yet";
-    showWords(why_not_, {why_not, Tone::kCaution});
+    showHeading(why_not_, "Gauge pressures [kPa]: limits, command, reading", why_not);
   }
 
  private:
@@ -200,6 +284,7 @@ class PressureBox : public QGroupBox {
     row.label->setStyleSheet("color: " + colorOfChannel(index).name() + "; font-weight: bold;");
     for (QLabel* text : {row.label, row.limits, row.reading}) text->setWordWrap(false);
     // Of a fixed width, so that a slider keeps its own.
+    row.slider->setMinimumWidth(kLeastSlider);
     row.reading->setMinimumWidth(row.reading->fontMetrics().horizontalAdvance("-9999.9 kPa"));
     row.slider->setObjectName(("slider_" + number).c_str());
     row.value->setObjectName(("value_" + number).c_str());
@@ -227,9 +312,8 @@ class PressureBox : public QGroupBox {
   std::vector<Row> rows_;
 };
 
-constexpr int kStopHeight = 64;         // [px]
+constexpr int kStopHeight = 54;         // [px]
 constexpr int kStopWidth = 190;         // at least: its first line [px]
-constexpr int kFrame = 24;              // beside a text in a button or title [px]
 constexpr qint64 kAnswerShown = 10000;  // of a success [ms]
 constexpr qint64 kAnswerRead = 3000;    // of a failure, at least [ms]
 
@@ -246,6 +330,8 @@ class SafetyBox : public QGroupBox {
  public:
   SafetyBox(QWidget* parent, const Run& run) : QGroupBox("Arm", parent) {
     auto* const column = new QVBoxLayout(this);
+    column->setSpacing(kMargin / 2);
+    column->setContentsMargins(2 * kMargin, kMargin, 2 * kMargin, kMargin);
     auto* const stop_row = new QHBoxLayout;
     stop_ = makeButton(this, "stop", "EMERGENCY STOP", [this, run] {
       if (run([](CockpitLink& link) { link.emergencyStop(true); })) return;
@@ -280,11 +366,11 @@ class SafetyBox : public QGroupBox {
 
     state_ = new FixedText(this, "state", 1);
     QFont large = state_->font();
-    large.setPointSizeF(1.6 * large.pointSizeF());
+    large.setPointSizeF(1.4 * large.pointSizeF());
     large.setBold(true);
     state_->setFont(large);
-    cause_ = new FixedText(this, "cause", 3);
-    remedy_ = new FixedText(this, "remedy", 3);
+    cause_ = new FixedText(this, "cause", 2);
+    remedy_ = new FixedText(this, "remedy", 2);
     goal_ = new FixedText(this, "goal", 2);
     answer_ = new FixedText(this, "answer", 3);
     for (QLabel* text : {state_, cause_, remedy_, goal_, answer_}) column->addWidget(text);
@@ -369,11 +455,10 @@ constexpr double kShown = 1e-4;    // last digit of a number [m]
 constexpr double kFarthest = 1e4;  // that can be entered [mm]
 
 /// The tip target as numbers, the tip itself, and the loop over vision.
-class TipBox : public QGroupBox {
+class TipBox : public QWidget {
  public:
-  TipBox(QWidget* parent, const Run& run)
-      : QGroupBox("Tip, seen from the arm's base [mm]", parent) {
-    auto* const grid = new QGridLayout(this);
+  explicit TipBox(const Run& run) {
+    auto* const grid = makeGrid(this);
     static const std::array<const char*, 3> kNames = {"tip_x", "tip_y", "tip_z"};
     for (int axis = 0; axis < 3; ++axis) {
       auto* const number = new QDoubleSpinBox(this);
@@ -383,7 +468,7 @@ class TipBox : public QGroupBox {
       number->setPrefix(QString("%1 ").arg(QChar("xyz"[axis])));
       number->setFocusPolicy(Qt::ClickFocus);
       numbers_[static_cast<std::size_t>(axis)] = number;
-      grid->addWidget(number, 0, axis);
+      grid->addWidget(number, 1, axis);
     }
     go_ = makeButton(this, "tip_go", "Go", [this, run] {
       std::array<double, 3> position{};
@@ -392,14 +477,14 @@ class TipBox : public QGroupBox {
       run([&](CockpitLink& link) { link.aimTip(position); });
     });
     present_ = makeButton(this, "tip_present", "Take present", [this] { copyPresent(); });
-    grid->addWidget(go_, 1, 0);
-    grid->addWidget(present_, 1, 1, 1, 2);
+    grid->addWidget(go_, 2, 0);
+    grid->addWidget(present_, 2, 1, 1, 2);
     tip_ = new FixedText(this, "tip", 2);
-    loop_ = new FixedText(this, "loop", 2);
+    loop_ = new FixedText(this, "loop", 4);
     why_not_ = new FixedText(this, "tip_why_not", 1);
-    grid->addWidget(tip_, 2, 0, 1, 3);
-    grid->addWidget(loop_, 3, 0, 1, 3);
-    grid->addWidget(why_not_, 4, 0, 1, 3);
+    grid->addWidget(tip_, 3, 0, 1, 3);
+    grid->addWidget(loop_, 4, 0, 1, 3);
+    grid->addWidget(why_not_, 0, 0, 1, 3);
   }
 
   void display(const CockpitView& view) {
@@ -415,7 +500,7 @@ class TipBox : public QGroupBox {
         present_,
         {present_tip_ ? "" : "no tip comes: neither of the model nor, with a loop, a measured one"},
         "Copies where the tip is now");
-    showWords(why_not_, {may.why_not, Tone::kCaution});
+    showHeading(why_not_, "Tip, seen from the arm's base [mm]", may.why_not);
     std::string text =
         "measured " + placeWords(view.measured_tip) + "\nmodel " + placeWords(view.model_tip);
     if (std::isfinite(view.tip_error)) text += ", difference " + millimetres(view.tip_error);
@@ -454,7 +539,8 @@ class CockpitPanel : public rviz::Panel {
  public:
   explicit CockpitPanel(QWidget* parent = nullptr) : rviz::Panel(parent) {
     auto* const column = new QVBoxLayout(this);
-    column->setContentsMargins(4, 4, 4, 4);
+    column->setContentsMargins(kMargin, kMargin, kMargin, kMargin);
+    column->setSpacing(kMargin);
     auto* const row = new QHBoxLayout;
     namespace_ = new QLineEdit(this);
     namespace_->setObjectName("namespace");
@@ -471,25 +557,24 @@ class CockpitPanel : public rviz::Panel {
       return true;
     };
     safety_ = new SafetyBox(this, run);
-    column->addWidget(safety_);  // outside the scrolled part: the stop is always in sight
+    column->addWidget(safety_);  // outside the tabs: the stop is always in sight
 
-    auto* const scroll = new QScrollArea(this);
-    scroll->setWidgetResizable(true);
-    scroll->setFrameShape(QFrame::NoFrame);
-    scroll->setHorizontalScrollBarPolicy(Qt::ScrollBarAlwaysOff);
-    auto* const inner = new QWidget(scroll);
-    auto* const boxes = new QVBoxLayout(inner);
-    boxes->setContentsMargins(0, 0, 0, 0);
-    pressures_ = new PressureBox(inner, run);
-    tip_ = new TipBox(inner, run);
-    chart_ = new StripChart(inner);
-    calibration_ = new CalibrationBox(inner, run);
-    for (QWidget* box : std::initializer_list<QWidget*>{pressures_, tip_, calibration_, chart_}) {
-      boxes->addWidget(box);
-    }
-    boxes->addStretch(1);
-    scroll->setWidget(inner);
-    column->addWidget(scroll, 1);
+    // At 768 lines of a screen, state, a page and the chart are in sight together.
+    auto* const tabs = new QTabWidget(this);
+    tabs->setObjectName("tabs");
+    tabs->setDocumentMode(true);  // without a frame
+    tabs->tabBar()->setFocusPolicy(Qt::NoFocus);
+    pressures_ = new PressureBox(run);
+    tip_ = new TipBox(run);
+    calibration_ = new CalibrationBox(run);
+    new Page(tabs, "Pressures", pressures_);
+    new Page(tabs, "Tip", tip_);
+    new Page(tabs, "Calibration", calibration_);
+    experiment_ = new ExperimentBox(run);
+    new Page(tabs, "Experiment", experiment_);
+    chart_ = new StripChart(this);
+    column->addWidget(tabs, 3);
+    column->addWidget(chart_, 1);
 
     timer_ = new QTimer(this);
     connect(timer_, &QTimer::timeout, this, [this] { refresh(); });
@@ -609,6 +694,7 @@ class CockpitPanel : public rviz::Panel {
     pressures_->display(view);
     tip_->display(view);
     calibration_->display(view);
+    experiment_->display(view);
     chart_->add(view);
     markNamespace(view);
     lookAt(view);
@@ -661,6 +747,7 @@ class CockpitPanel : public rviz::Panel {
   PressureBox* pressures_;
   TipBox* tip_;
   CalibrationBox* calibration_;
+  ExperimentBox* experiment_;
   StripChart* chart_;
   QTimer* timer_;
   std::optional<std::string> wanted_;  ///< last namespace that is a name, as it was typed

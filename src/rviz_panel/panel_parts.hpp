@@ -68,7 +68,9 @@ class FixedText : public QLabel {
   }
 
  private:
-  void fixHeight() { setFixedHeight(lines_ * fontMetrics().lineSpacing()); }
+  void fixHeight() { setFixedHeight(lines_ * fontMetrics().lineSpacing() + kBelow); }
+
+  static constexpr int kBelow = 2;  ///< of a letter such as g, beyond its line [px]
 
   const int lines_;
 };
@@ -163,7 +165,7 @@ class StripChart : public QWidget {
   static constexpr double kPeriod = 0.05;        // between rows [s]
   static constexpr double kLeastPressure = 1e5;  // of the axis [Pa]
   static constexpr double kLeastError = 1e-3;    // of the axis [m]
-  static constexpr int kHeight = 190;            // [px]
+  static constexpr int kHeight = 76;             // at least [px]
   static constexpr double kText = 14;            // height of a line of text [px]
   static constexpr double kLine = 1.5;           // [px]
 

@@ -350,7 +350,8 @@ TEST(BudgetTable, TheTextHasALineAndItsUnitForEachRow) {
   budget.state = estimation::BudgetState::kOutside;
   budget.distance2 = 36;
   EXPECT_EQ(budgetText(budget),
-            "1.00 mm calibration\n0.30 mm unexplained\n1.04 mm both together\n3.00 mm "
+            "error budget, 1 sd\n1.00 mm calibration\n0.30 mm unexplained\n1.04 mm both "
+            "together\n3.00 mm "
             "pressure\n4.00 mm placement\n"
             "5.00 mm camera\n3.00 mm predicted\n10.00 mm open loop\n5.00 mm measured - model\n"
             "outside: 6.0 of 4.0 sd");

@@ -238,7 +238,7 @@ class AnyMessage(unittest.TestCase):
                 ("pressure_command", "pressure_command", ["_regulator:=topic"]), ("simulated_rig", "simulated_rig", ["_camera_rate:=5"]),
                 ("vision", "vision", ["_source:=image/compressed"]),
                 ("raw_vision", "vision", ["_source:=image", "__name:=raw_vision", "_frame_prefix:=raw_"]),
-                ("calibration", "calibration", []), ("monitor", "monitor", []),
+                ("calibration", "calibration", []), ("monitor", "monitor", []), ("teleop", "teleop", []), ("experiment", "experiment", []),
                 ("pressure_series", "pressure_series", ["_loop:=true", "_ramp_s:=0.5"]),
                 ("workspace_cloud", "workspace_cloud", ["_count:=1000"]), ("visual_servo", "visual_servo", [])):
             cls.nodes[name] = Process([node(program), "_scene:=demo"] + more)

@@ -111,6 +111,10 @@ TEST(Possibility, FollowsFromTheStateAndNamesWhatPreventsIt) {
   const auto calibrating = [](View& v) { v.calibration.there = v.calibration.running = true; };
   const auto aiming = [](View& v) { v.calibration.there = true, v.goal = CockpitGoal::kTip; };
   const auto ended = [](View& v) { v.calibration.ended = true; };
+  const auto measuring = [](View& v) {
+    v.calibration.there = v.experiment.there = v.experiment.running = true;
+  };
+  const auto measured = [](View& v) { v.experiment.there = v.experiment.ended = true; };
   const auto good = [](View& v) {
     v.calibration.ended = true, v.calibration.result.success = true;
   };
@@ -153,6 +157,14 @@ TEST(Possibility, FollowsFromTheStateAndNamesWhatPreventsIt) {
       {"enabled", calibrating, mayHold, ""},
       {"enabled", calibrating, mayAimTip, ""},
       {"enabled", calibrating, maySlide, ""},
+      {"enabled", nothing, mayExperiment, "calibration:=true"},
+      {"enabled", measured, mayExperiment, nullptr},
+      {"disabled", measured, mayExperiment, "enable"},
+      {"enabled", measured, mayStopExperiment, ""},
+      {"enabled", measuring, mayStopExperiment, nullptr},
+      {"enabled", measuring, mayExperiment, "already"},
+      {"enabled", measuring, mayCalibrate, "stop it first"},
+      {"enabled", measuring, maySlide, "stop it first"},
       {"enabled", nothing, mayUse, ""},
       {"enabled", ended, mayUse, ""},
       {"enabled", good, mayUse, nullptr},
@@ -198,6 +210,33 @@ TEST(Words, TheResultOfACalibrationLeadsWithMillimetres) {
   view.calibration.cancelled = true;
   EXPECT_EQ(calibrationWords(view).text.find("cancelled"), 0U);
   EXPECT_NE(calibrationWords(view).tone, Tone::kBad);
+}
+
+TEST(Words, AnExperimentTellsItsTimeThenItsFiguresAndTheSheet) {
+  CockpitView view;
+  CockpitExperiment& run = view.experiment;
+  run.running = true;
+  EXPECT_EQ(experimentWords(view).text, "begins");
+  run.progress.doing = "step muscle_1";
+  run.progress.seconds_left = 89;
+  EXPECT_EQ(experimentWords(view).text, "step muscle_1, 89 s left");
+  run.progress.seconds_left = 91 * 60;
+  EXPECT_EQ(experimentWords(view).text, "step muscle_1, 91 min left");
+  run.running = false;
+  run.ended = true;
+  run.result.success = true;
+  run.result.message = "2 figures of step";
+  run.result.sheet = "/data/step.pdf";
+  run.result.names = {"muscle_1 up t63 tip", "muscle_1 f"};
+  run.result.values = {0.25, kUnknown};
+  run.result.standard_errors = {0.01, kUnknown};
+  run.result.units = {"s", "Hz"};
+  EXPECT_EQ(experimentWords(view).text,
+            "2 figures of step\ndata sheet: /data/step.pdf\nmuscle_1 up t63 tip: 0.25 +- 0.01 s");
+  EXPECT_EQ(experimentWords(view).tone, Tone::kGood);
+  run.result.success = false;
+  EXPECT_EQ(experimentWords(view).text.find("stopped: "), 0U);
+  EXPECT_EQ(experimentWords(view).tone, Tone::kBad);
 }
 
 TEST(Words, TheResultOfACalibrationTellsItsWarnings) {

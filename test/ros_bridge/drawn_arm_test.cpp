@@ -2,12 +2,15 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <cstring>
+#include <fstream>
 #include <map>
 #include <set>
 #include <tuple>
 
 #include <gtest/gtest.h>
 
+#include "helix_arm/basics/text.hpp"
 #include "ros_bridge/cockpit/cockpit_view.hpp"
 #include "ros_bridge/common/arm_markers.hpp"
 #include "support/temporary_file.hpp"
@@ -34,6 +37,16 @@ std::vector<Marker> inNamespace(const visualization_msgs::MarkerArray& array, co
 
 Eigen::Vector3d fromMsg(const geometry_msgs::Point& p) { return {p.x, p.y, p.z}; }
 
+// Whether figures draw what is so called in this colour: readers know the curves by them.
+bool isOfFigures(const std::string& what, const std_msgs::ColorRGBA& color) {
+  std::ifstream file(HELIX_ARM_SOURCE_DIR "/scripts/plot_report");
+  const std::string figures{std::istreambuf_iterator<char>(file), {}};
+  const auto part = [](float share) { return static_cast<int>(std::lround(255 * share)); };
+  const std::string hex =
+      basics::format("#%02x%02x%02x", part(color.r), part(color.g), part(color.b));
+  return figures.find("\"" + what + "\": \"" + hex + "\"") != std::string::npos;
+}
+
 // Of the model and of the measured shape: rviz draws no dashes from an odd number of points.
 TEST(VisionMarkers, CurvesEndAtTheTipOfATool) {
   const test::TemporaryFile file(
@@ -52,6 +65,7 @@ TEST(VisionMarkers, CurvesEndAtTheTipOfATool) {
     ASSERT_EQ(markers.size(), 1U) << ns;
     ASSERT_GT(markers[0].points.size(), 2U) << ns;
     EXPECT_LT((fromMsg(markers[0].points.back()) - tip).norm(), 1e-12) << ns;
+    EXPECT_TRUE(isOfFigures(std::string(ns, std::strchr(ns, '_')), markers[0].color)) << ns;
   }
   const Marker dashes = inNamespace(drawn, "model_curve")[0];
   EXPECT_EQ(dashes.type, Marker::LINE_LIST);
@@ -95,6 +109,7 @@ TEST(ArmMarkers, HaveStableNamesAndOutliveTheirPeriod) {
     EXPECT_EQ(count["pressures"], 7);
     EXPECT_EQ(count["separators"], scene.looks[0].separators + scene.looks[1].separators);
     EXPECT_EQ(count["base_curve"], 1);
+    EXPECT_TRUE(isOfFigures("model", inNamespace(drawn, "base_curve").at(0).color));
     EXPECT_EQ(count["tip_trace"], 1);
     if (i == 1) first = keys;
     EXPECT_EQ(keys, first);

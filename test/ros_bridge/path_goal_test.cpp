@@ -258,6 +258,8 @@ follow::Turn turnAt(double path_time, LoopState state = LoopState::kClosed,
   return out;
 }
 
+ContactWords contact() { return {"it looks like a contact", "mend that"}; }
+
 class GoalWatchTest : public ::testing::Test {
  protected:
   // The path begins at 100 s; turns of 10 ms up to a time of the path.
@@ -284,7 +286,7 @@ class GoalWatchTest : public ::testing::Test {
     out.require_vision = true;
     return out;
   }
-  GoalWatch watch_{rules(), kEnd};
+  GoalWatch watch_{rules(), kEnd, contact};
   double path_time_ = -1.0;
 };
 
@@ -334,7 +336,7 @@ TEST_F(GoalWatchTest, ArrivingTooLateViolatesTheGoalTolerance) {
 
 TEST_F(GoalWatchTest, AnEndThatIsNotSeenIsJudgedByThePrediction) {
   for (const double off : {0.0019, 0.0021}) {
-    GoalWatch watch({}, kEnd);
+    GoalWatch watch({}, kEnd, contact);
     expectEnding(watch.turn(200, turnAt(kEnd + 2.01, LoopState::kOpen, off)),
                  off < 0.002 ? Result::SUCCESSFUL : Result::GOAL_TOLERANCE_VIOLATED, {"not seen"});
   }
@@ -342,7 +344,7 @@ TEST_F(GoalWatchTest, AnEndThatIsNotSeenIsJudgedByThePrediction) {
 
 TEST_F(GoalWatchTest, VisionThatIsRequiredMayComeLateAndNotGo) {
   EXPECT_FALSE(runTo(1.98, LoopState::kOpen)) << "the first picture is waited for";
-  GoalWatch never = watch_, any({}, kEnd);
+  GoalWatch never = watch_, any({}, kEnd, contact);
   expectEnding(never.turn(102.05, turnAt(2.05, LoopState::kOpen)), Result::VISION_LOST);
   for (const double path_time : {-1.0, 3.9}) {
     EXPECT_FALSE(any.turn(100 + path_time, turnAt(path_time, LoopState::kOpen)));
@@ -373,7 +375,7 @@ TEST_F(GoalWatchTest, APathThatAContactHoldsEndsWhereTheArmIsNoLongerSeen) {
   for (const bool required : {false, true}) {
     GoalRules rules;
     rules.require_vision = required;
-    GoalWatch watch(rules, kEnd);
+    GoalWatch watch(rules, kEnd, contact);
     const auto turn = [&](double time, LoopState state, bool held) {
       follow::Turn next = turnAt(1.0, state);
       next.held = held;
@@ -384,13 +386,13 @@ TEST_F(GoalWatchTest, APathThatAContactHoldsEndsWhereTheArmIsNoLongerSeen) {
     ASSERT_FALSE(turn(500, LoopState::kYielding, true)) << "it is seen";
     ASSERT_FALSE(turn(501, LoopState::kCoasting, true));
     expectEnding(turn(504, LoopState::kOpen, true), Result::VISION_LOST,
-                 {"contact", "camera", "vision_status"});
+                 {"it looks like a contact", "camera", "vision_status", "mend that"});
   }
 }
 
 TEST_F(GoalWatchTest, VisionThatIsRequiredIsLostWhereItIsDoubtful) {
   ASSERT_FALSE(runTo(1.0));
-  GoalWatch any({}, kEnd);
+  GoalWatch any({}, kEnd, contact);
   EXPECT_FALSE(any.turn(101, turnAt(1.0, LoopState::kDoubtful)));
   expectEnding(watch_.turn(101, turnAt(1.0, LoopState::kDoubtful)), Result::VISION_LOST,
                {"~reset"});
@@ -400,7 +402,8 @@ TEST_F(GoalWatchTest, APathThatTheLoopGivesUpEndsInContact) {
   ASSERT_FALSE(runTo(1.0));
   follow::Turn held = turnAt(1.0, LoopState::kYielding);
   held.path_time.reset();
-  expectEnding(watch_.turn(101, held), Result::CONTACT);
+  expectEnding(watch_.turn(101, held), Result::CONTACT,
+               {"it looks like a contact, and on_contact is STOP: ", "mend that, and send"});
 }
 
 TEST_F(GoalWatchTest, AJumpBackInTimeForgetsWhatWasWanted) {

@@ -79,11 +79,14 @@ class Loop(CommanderCase):
         overlay = self.inbox("overlay", Image)
         self.assert_wait(lambda: overlay)
         picture = overlay[-1]
-        self.assertEqual((picture.encoding, picture.width, picture.height), ("bgr8", self.image[-1].width, self.image[-1].height))
-        # Something of it has colour, and the rest is the gray picture.
-        colours = np.frombuffer(picture.data, np.uint8).reshape(-1, 3)
-        coloured = np.mean((colours != colours[:, :1]).any(axis=1))
-        self.assertTrue(0.001 < coloured < 0.25, coloured)
+        width, height = self.image[-1].width, self.image[-1].height
+        self.assertEqual((picture.encoding, picture.width), ("bgr8", width))
+        colours = np.frombuffer(picture.data, np.uint8).reshape(-1, width, 3)
+        coloured = (colours != colours[..., :1]).any(axis=2)
+        # Something of the picture has colour, and the text stands on dark ground below it.
+        self.assertTrue(0.001 < coloured[:height].mean() < 0.25)
+        self.assertTrue(0.01 < coloured[height:].mean() < 0.5)
+        self.assertLess(np.median(colours[height:]), 50)
 
     def test_a_force_at_the_tip_moves_the_truth(self):
         """Where to is a law of simulation/; and back."""

@@ -10,6 +10,7 @@ import rospy
 import rostest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
+from std_srvs.srv import SetBool
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
 
@@ -69,6 +70,19 @@ class VisualServo(LoopRig):
         sent = len(self.sent)
         self.assert_wait(lambda: self.safety[-1].cause == "stale_target")
         self.assertEqual(len(self.sent), sent, "it goes on commanding")
+
+    def test_what_it_says_stands_still_while_targets_are_refused(self):
+        stop, target = rospy.ServiceProxy("pressure_command/emergency_stop", SetBool), target_at(MIDDLE)
+        self.assertTrue(stop(True).success)
+        self.addCleanup(stop, False)
+
+        def dropped():
+            return sum(one.outcome == TargetStatus.DROPPED and one.commander == rospy.get_name() for one in self.status)
+
+        self.assert_wait(lambda: "waits for the arm: " in self.loop[-1].message and dropped() > 0, 20, target)
+        first, before = len(self.loop) + 3, dropped()
+        self.assert_wait(lambda: dropped() > before + 20 and len(self.loop) > first, 20, target)
+        self.assertEqual(len({(one.state, one.commander, one.message) for one in self.loop[first:]}), 1)
 
     def test_targets_may_be_seen_from_any_frame_that_tf_relates_to_the_base(self):
         frames = Inbox("/tf_static", TFMessage)

@@ -6,6 +6,8 @@
 #include <QScrollArea>
 #include <QScrollBar>
 #include <QSlider>
+#include <QTabBar>
+#include <QTabWidget>
 #include <QtTest/QTest>
 
 #include "helix_arm/SafetyState.h"
@@ -22,6 +24,7 @@ namespace {
 constexpr char kArm[] = "left";
 
 constexpr QSize kWindow(460, 1100);
+constexpr QSize kLaptop(418, 654);  // of the panel, in a window of rviz of 1366 x 768
 
 double seconds() { return ros::SteadyTime::now().toSec(); }
 
@@ -56,17 +59,32 @@ class Cockpit : public PanelWindow {
   // A click of the X server at a place of a widget, from its left (0) to its right (1).
   void click(const char* name, double place = 0.5) {
     QWidget* const widget = find<QWidget>(name);
-    if (auto* const scrolled = panel_->findChild<QScrollArea*>(); scrolled->isAncestorOf(widget)) {
-      scrolled->ensureWidgetVisible(widget);
+    open(widget);
+    clickAt(widget->mapToGlobal(
+        {static_cast<int>(place * (widget->width() - 1)), widget->height() / 2}));
+  }
+  // Clicks on the tab of a widget, if it has one.
+  void open(QWidget* widget) {
+    auto* const tabs = find<QTabWidget>("tabs");
+    for (int k = 0; k < tabs->count(); ++k) {
+      if (!tabs->widget(k)->isAncestorOf(widget) || tabs->currentIndex() == k) continue;
+      clickAt(tabs->tabBar()->mapToGlobal(tabs->tabBar()->tabRect(k).center()));
+      await([&] { return tabs->currentIndex() == k || !panel_->isActiveWindow(); });
     }
-    const QPoint at = widget->mapToGlobal(
-        {static_cast<int>(place * (widget->width() - 1)), widget->height() / 2});
+  }
+  void clickAt(const QPoint& at) {
     Process xdotool(
         {"xdotool", "mousemove", std::to_string(at.x()), std::to_string(at.y()), "click", "1"});
     await([&] { return xdotool.exitCode(0.01) != -1; });
     ASSERT_EQ(xdotool.exitCode(), 0) << xdotool.output();
   }
 
+  // Without scrolling, and without another widget over it.
+  void expectInSight(const char* name) {
+    auto* const widget = find<QWidget>(name);
+    EXPECT_TRUE(widget->isVisible()) << name;
+    EXPECT_EQ(widget->visibleRegion(), QRegion(widget->rect())) << name << " is cut";
+  }
   // What a FixedText shows of its text, in one line.
   QString painted(const char* label) {
     const auto* const widget = find<QLabel>(label);
@@ -204,8 +222,7 @@ TEST_F(Cockpit, TheEmergencyStopLatchesUntilItIsReleased) {
 TEST_F(Cockpit, NoButtonMovesWithTheText) {
   const auto places = [this] {
     std::vector<QPoint> out;
-    for (const char* name : {"stop", "release", "enable", "vent", "hold", "slider_0", "slider_2",
-                             "tip_go", "calibration_start"}) {
+    for (const char* name : {"stop", "release", "enable", "vent", "hold", "slider_0", "slider_2"}) {
       QWidget* const widget = find<QWidget>(name);
       out.push_back(widget->mapTo(panel_.get(), widget->rect().center()));
     }
@@ -378,15 +395,11 @@ class CockpitCalibration : public Cockpit {
 
 TEST_F(CockpitCalibration, CancelEndsTheRunAndTheArmIsVented) {
   EXPECT_FALSE(isOffered("calibration_cancel"));
-  panel_->resize(460, 880);  // of a window of 1000
+  panel_->resize(kLaptop);
   begin();
-  auto* const scrolled = panel_->findChild<QScrollArea*>();
-  scrolled->verticalScrollBar()->setValue(0);
-  for (const char* name : {"calibration_start", "calibration_cancel", "calibration_progress"}) {
-    const auto* const widget = find<QWidget>(name);
-    const QRect seen = scrolled->viewport()->rect();
-    EXPECT_TRUE(seen.contains(QRect(widget->mapTo(scrolled->viewport(), {0, 0}), widget->size())))
-        << name << " is in sight without scrolling";
+  for (const char* name : {"calibration_start", "calibration_cancel", "calibration_progress",
+                           "calibration", "strip_chart", "stop", "answer"}) {
+    expectInSight(name);
   }
   // It tells where it is, and the arm moves.
   await([this] {
@@ -420,6 +433,28 @@ TEST_F(CockpitCalibration, CancelEndsTheRunAndTheArmIsVented) {
   EXPECT_EQ(text("calibration").find("step 1 of 12, 0 samples"), 0U) << text("calibration");
 }
 
+TEST_F(CockpitCalibration, AnExperimentTellsItsProgressAndStopsAtAClick) {
+  EXPECT_NE(tip("experiment_start").find("no experiment node"), std::string::npos);
+  const auto experiment = start(
+      HELIX_ARM_EXPERIMENT, {"_out_folder:=" + folder_.path(), "_scene_folder:=" + folder_.path()});
+  enable();
+  awaitOffer("experiment_start");
+  await([this] {
+    if (isOffered("experiment_start")) click("experiment_start");
+    return until([this] { return says("experiment", " left"); }, 2);
+  });
+  EXPECT_EQ(text("experiment").find("step muscle_1, "), 0U) << text("experiment");
+  for (const char* name : {"slider_0", "calibration_start", "experiment_start"}) {
+    EXPECT_NE(tip(name).find("an experiment"), std::string::npos) << name << ": " << tip(name);
+  }
+  await([this] { return find<QProgressBar>("experiment_progress")->value() > 1; });
+  click("experiment_stop");
+  awaitSaid("experiment", "stopped: muscle_1: cancelled; what was recorded is in ");
+  EXPECT_TRUE(says("experiment", folder_.path().c_str())) << text("experiment");
+  await([this] { return state() == SafetyState::VENTED; });
+  EXPECT_FALSE(isOffered("experiment_stop"));
+}
+
 TEST_F(CockpitCalibration, TheResultIsUsedByAllNodesAtAClick) {
   find<QComboBox>("fit")->setCurrentText("stiffness length_scale");
   begin();
@@ -434,6 +469,9 @@ TEST_F(CockpitCalibration, TheResultIsUsedByAllNodesAtAClick) {
   EXPECT_LT(after, 0.5 * before) << result;
   EXPECT_NE(result.find("\nlength_scale 1 -> 1.0"), std::string::npos) << result;
   EXPECT_NE(result.find("\nK_gamma 100 -> "), std::string::npos) << result;
+  panel_->resize(kLaptop);
+  await([this] { return panel_->size() == kLaptop; });
+  for (const char* name : {"calibration", "calibration_use", "strip_chart"}) expectInSight(name);
   ASSERT_TRUE(rests()) << safety_.last().reason;
   await([this] { return !errors_.all().empty(); });
   const double error_before = errors_.last().tip_error;

@@ -13,6 +13,7 @@
 #include "helix_arm/follow/visual_servo.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/procedures/loop_config.hpp"
+#include "helix_arm/simulation/rig.hpp"
 #include "helix_arm/simulation/simulated_vision.hpp"
 #include "helix_arm/tracking/error_budget.hpp"
 
@@ -133,6 +134,17 @@ std::string failureOf(const FollowPlan& plan, const FollowResult& result);
 
 /// Whether the scene's model can follow a path within its slew rates: see follow::checkPath().
 std::optional<follow::PathRefusal> checkPath(const io::Scene& scene, const control::TipPath& path);
+
+/// The simulated rig of a scene, and its camera.
+struct SeenRig {
+  simulation::SimulatedRig rig;
+  simulation::SimulatedVision vision;
+};
+/// @param rig    scene of the true arm, regulator, camera and tags; `plant` as in FollowPlan.
+/// @param seed   of the noise of readings, corners and pictures.
+/// @throws std::invalid_argument naming what the scenes lack, or in what their arms differ.
+SeenRig seenRigOf(const io::Scene& scene, const io::Scene& rig, const std::string& plant,
+                  simulation::VisionKind kind, std::uint32_t seed);
 
 /// Simulates the scene's rig with its visual servo. The same plan and scene give the same result.
 /// @param plan  a path should have passed checkPath().

@@ -79,7 +79,7 @@ CallAnswer useLastCalibration(const std::string& ns) {
   if (!saved.success) return saved;
   std::string users;
   for (const char* user : {names::kPressureCommandNode, names::kVisionNode, names::kVisualServoNode,
-                           names::kCalibrationNode}) {
+                           names::kCalibrationNode, names::kExperimentNode}) {
     const std::string name = ros::names::append(ros::names::append(ns, user), names::kReload);
     if (!ros::service::exists(name, false)) continue;
     Reload reload;
@@ -183,6 +183,56 @@ void CallDesk::look() {
   }
 }
 
+template <class Action, class Run>
+void ActionRuns<Action, Run>::start(const Goal& goal) {
+  if (!client_.isServerConnected()) return;
+  basics::MutexLock start(mutex_);
+  if (run_.running) return;
+  run_ = {};
+  run_.running = true;
+  seen_ = ros::SteadyTime::now().toSec();
+  const std::uint64_t run = ++runs_;
+  start.unlock();
+  client_.sendGoal(
+      goal,
+      [this, run](const actionlib::SimpleClientGoalState& state,
+                  const boost::shared_ptr<const Result>& result) {
+        onResult(run, result.get(), state);
+      },
+      typename Client::SimpleActiveCallback(),
+      [this, run](const boost::shared_ptr<const Feedback>& feedback) {
+        const basics::MutexLock lock(mutex_);
+        if (isUnderWay(run)) run_.progress = *feedback;
+      });
+}
+
+template <class Action, class Run>
+Run ActionRuns<Action, Run>::view(double now) {
+  const bool there = client_.isServerConnected();
+  const basics::MutexLock lock(mutex_);
+  run_.there = there;
+  if (there) seen_ = now;
+  // A client of an action is not told that its server died.
+  if (run_.running && now - seen_ >= kPatience) {
+    run_.running = false;
+    run_.ended = true;
+    run_.result.message = "the " + what_ + " node is gone; start it, then click Start again";
+  }
+  return run_;
+}
+
+template <class Action, class Run>
+void ActionRuns<Action, Run>::onResult(std::uint64_t run, const Result* result,
+                                       const actionlib::SimpleClientGoalState& ending) {
+  const basics::MutexLock lock(mutex_);
+  if (!isUnderWay(run)) return;
+  run_.running = false;
+  run_.ended = true;
+  run_.cancelled = ending == actionlib::SimpleClientGoalState::PREEMPTED;
+  run_.result.message = "the " + what_ + " node ended (" + ending.toString() + ")";
+  if (result != nullptr) run_.result = *result;
+}
+
 template <class Message>
 void CockpitLink::hear(const char* topic, Heard<Message> CockpitLink::*heard,
                        bool (CockpitLink::*counts)(const Message&)) {
@@ -211,19 +261,23 @@ CockpitLink::CockpitLink(const std::string& ns) : node_(ns), spinner_(1, &queue_
   hear(names::kVisualServoStatus, &Self::loop_);
   hear(names::kErrorBudget, &Self::budget_);
   hear<diagnostic_msgs::DiagnosticArray>(names::kDiagnostics, nullptr, &Self::onDiagnostics);
-  client_ = std::make_unique<Client>(
-      node_, std::string(names::kCalibrationNode) + "/" + names::kRunCalibration, false);
+  const auto make = [this](auto& runs, const char* of, const char* action) {
+    using Runs = typename std::decay_t<decltype(runs)>::element_type;
+    runs = std::make_unique<Runs>(node_, std::string(of) + "/" + action, of);
+  };
+  make(calibration_, names::kCalibrationNode, names::kRunCalibration);
+  make(experiment_, names::kExperimentNode, names::kRunExperiment);
   timer_ = repeat(node_, "the cockpit's targets", kTargetPeriod, &CockpitLink::onTurn, this);
   spinner_.start();
 }
 
 CockpitView CockpitLink::view() {
-  const bool there = client_->isServerConnected();
+  CockpitCalibration calibration = calibration_->view(now());
+  const CockpitExperiment experiment = experiment_->view(now());
   const bool tip_heard = tip_publisher_.getNumSubscribers() > 0;
-  const bool is_loaded = desk_.waits(kUseCall);
+  calibration.is_loaded = desk_.waits(kUseCall);
   const basics::MutexLock lock(mutex_);
   held_.look(now());
-  watchCalibration(there);
   CockpitView out = seen_;
   out.connected = command_.isFresh();
   out.tip_heard = tip_heard;
@@ -247,8 +301,8 @@ CockpitView CockpitLink::view() {
     if (budget_.isFresh(kLoopFresh)) out.loop->budget_sd = budget_.last.predicted_sd;
   }
   static_cast<CockpitHold&>(out) = held_.state();
-  out.calibration.there = there;
-  out.calibration.is_loaded = is_loaded;
+  out.calibration = std::move(calibration);
+  out.experiment = experiment;
   return out;
 }
 
@@ -353,56 +407,22 @@ void CockpitLink::send() {
 }
 
 void CockpitLink::startCalibration(const std::vector<std::string>& fit) {
-  if (!client_->isServerConnected()) return;
-  basics::MutexLock start(mutex_);
-  if (seen_.calibration.running) return;
-  seen_.calibration = {};
-  seen_.calibration.running = true;
-  calibrator_seen_ = now();
-  const std::uint64_t run = ++runs_;
-  start.unlock();
   RunCalibrationGoal goal;
   goal.walk = fit == std::vector<std::string>{kWalk};
   if (!goal.walk) goal.fit = fit;
   goal.loop = std::find(fit.begin(), fit.end(), "response") != fit.end();
-  client_->sendGoal(
-      goal,
-      [this, run](const actionlib::SimpleClientGoalState& state,
-                  const RunCalibrationResultConstPtr& result) {
-        onResult(run, result.get(), state);
-      },
-      Client::SimpleActiveCallback(),
-      [this, run](const RunCalibrationFeedbackConstPtr& feedback) {
-        const basics::MutexLock lock(mutex_);
-        if (isUnderWay(run)) seen_.calibration.progress = *feedback;
-      });
+  calibration_->start(goal);
 }
 
-// A client of an action is not told that its server died.
-void CockpitLink::watchCalibration(bool there) {
-  if (there) calibrator_seen_ = now();
-  if (!seen_.calibration.running || now() - calibrator_seen_ < kFresh) return;
-  seen_.calibration.running = false;
-  seen_.calibration.ended = true;
-  seen_.calibration.result.message =
-      "the calibration node is gone; start it, then click Start again";
+void CockpitLink::startExperiment(const std::string& name) {
+  RunExperimentGoal goal;
+  goal.name = name;
+  experiment_->start(goal);
 }
 
 void CockpitLink::useCalibration() {
   if (desk_.waits(kUseCall)) return;
   desk_.ask(kUseCall, kUseLimit, [ns = node_.getNamespace()] { return useLastCalibration(ns); });
-}
-
-void CockpitLink::onResult(std::uint64_t run, const RunCalibrationResult* result,
-                           const actionlib::SimpleClientGoalState& ending) {
-  const basics::MutexLock lock(mutex_);
-  if (!isUnderWay(run)) return;  // it was given up on
-  CockpitCalibration& calibration = seen_.calibration;
-  calibration.running = false;
-  calibration.ended = true;
-  calibration.cancelled = ending == actionlib::SimpleClientGoalState::PREEMPTED;
-  calibration.result.message = "the calibration node ended (" + ending.toString() + ")";
-  if (result != nullptr) calibration.result = *result;
 }
 
 bool CockpitLink::onCommand(const PressureArray& message) {

@@ -27,6 +27,7 @@
 #include "helix_arm/ModelError.h"
 #include "helix_arm/PressureArray.h"
 #include "helix_arm/RunCalibrationAction.h"
+#include "helix_arm/RunExperimentAction.h"
 #include "helix_arm/TargetStatus.h"
 #include "helix_arm/basics/mutex.hpp"
 #include "ros_bridge/names.hpp"
@@ -184,6 +185,46 @@ class HeldGoal {
   std::optional<double> waits_since_;  ///< for another commander
 };
 
+/// The runs of an action of another node, one at a time. From any thread.
+/// @tparam Run  a CockpitRun.
+template <class Action, class Run>
+class ActionRuns {
+ public:
+  using Goal = typename Action::_action_goal_type::_goal_type;
+
+  /// @param action  name, below the node's. @param what  the node is called, such as "calibration".
+  ActionRuns(ros::NodeHandle& node, const std::string& action, const char* what)
+      : what_(what), client_(node, action, false) {}
+
+  /// Without effect while a run is under way, or where no node takes it.
+  void start(const Goal& goal) HELIX_ARM_EXCLUDES(mutex_);
+  void cancel() { client_.cancelGoal(); }
+  /// The present or the last run. @param now  by a steady clock [s].
+  Run view(double now) HELIX_ARM_EXCLUDES(mutex_);
+
+ private:
+  using Client = actionlib::SimpleActionClient<Action>;
+  using Result = decltype(Run::result);
+  using Feedback = decltype(Run::progress);
+
+  static constexpr double kPatience = 1.0;  ///< for a node that is gone [s]
+
+  /// @param run  of the action, as runs_ was at its start. What it says after it was given up on
+  /// does not count.
+  bool isUnderWay(std::uint64_t run) const HELIX_ARM_REQUIRES(mutex_) {
+    return run == runs_ && run_.running;
+  }
+  void onResult(std::uint64_t run, const Result* result,
+                const actionlib::SimpleClientGoalState& ending) HELIX_ARM_EXCLUDES(mutex_);
+
+  basics::Mutex mutex_;
+  Run run_ HELIX_ARM_GUARDED_BY(mutex_);
+  std::uint64_t runs_ HELIX_ARM_GUARDED_BY(mutex_) = 0;  ///< that were started
+  double seen_ HELIX_ARM_GUARDED_BY(mutex_) = 0;         ///< when its node was there [s]
+  const std::string what_;
+  Client client_;  ///< last: its callbacks use the others
+};
+
 /// One arm, as a user of its topics and services: what the cockpit shows, and what its buttons do.
 ///
 /// Once it is made, no call blocks. Topics have a thread of their own, services are called through
@@ -207,7 +248,8 @@ class CockpitLink {
   ~CockpitLink() {
     spinner_.stop();
     timer_.stop();
-    client_.reset();
+    calibration_.reset();
+    experiment_.reset();
     subscribers_.clear();
   }
 
@@ -235,14 +277,15 @@ class CockpitLink {
     send();
   }
   /// @param fit  as in RunCalibration; kWalk alone: its walk.
-  void startCalibration(const std::vector<std::string>& fit) HELIX_ARM_EXCLUDES(mutex_);
-  void cancelCalibration() { client_->cancelGoal(); }
+  void startCalibration(const std::vector<std::string>& fit);
+  void cancelCalibration() { calibration_->cancel(); }
+  /// @param name  as in RunExperiment.
+  void startExperiment(const std::string& name);
+  void stopExperiment() { experiment_->cancel(); }
   /// Saves the calibrated scene and loads it in all nodes of the arm.
   void useCalibration();
 
  private:
-  using Client = actionlib::SimpleActionClient<RunCalibrationAction>;
-
   /// How often a stop, and a vent or stop, was asked for. Shared with calls that hang.
   struct Asked {
     std::atomic<std::uint64_t> stops{0}, vents{0};
@@ -272,12 +315,6 @@ class CockpitLink {
   bool onStatus(const TargetStatus& message) HELIX_ARM_REQUIRES(mutex_);
   bool onDiagnostics(const diagnostic_msgs::DiagnosticArray& message) HELIX_ARM_REQUIRES(mutex_);
 
-  /// @param run  of a calibration, as runs_ was at its start.
-  bool isUnderWay(std::uint64_t run) const HELIX_ARM_REQUIRES(mutex_) {
-    return run == runs_ && seen_.calibration.running;
-  }
-  void onResult(std::uint64_t run, const RunCalibrationResult* result,
-                const actionlib::SimpleClientGoalState& ending) HELIX_ARM_EXCLUDES(mutex_);
   void onTurn(const ros::SteadyTimerEvent&) HELIX_ARM_EXCLUDES(mutex_) {
     const basics::MutexLock lock(mutex_);
     if (held_.turn(now())) send();
@@ -285,7 +322,6 @@ class CockpitLink {
 
   void send() HELIX_ARM_REQUIRES(mutex_);
   std::vector<CockpitChannel> channels() const HELIX_ARM_REQUIRES(mutex_);
-  void watchCalibration(bool there) HELIX_ARM_REQUIRES(mutex_);
 
   // Calls of the services of pressure_command.
   std::string serviceOf(const char* name) const {
@@ -314,11 +350,10 @@ class CockpitLink {
   Heard<ErrorBudget> budget_ HELIX_ARM_GUARDED_BY(mutex_);
   std::map<std::string, std::array<double, 2>> limits_ HELIX_ARM_GUARDED_BY(mutex_);  ///< [Pa]
   HeldGoal held_ HELIX_ARM_GUARDED_BY(mutex_);
-  std::uint64_t runs_ HELIX_ARM_GUARDED_BY(mutex_) = 0;      ///< calibrations that were started
-  double calibrator_seen_ HELIX_ARM_GUARDED_BY(mutex_) = 0;  ///< when its node was there [s]
 
   std::vector<ros::Subscriber> subscribers_;
-  std::unique_ptr<Client> client_;
+  std::unique_ptr<ActionRuns<RunCalibrationAction, CockpitCalibration>> calibration_;
+  std::unique_ptr<ActionRuns<RunExperimentAction, CockpitExperiment>> experiment_;
   ros::SteadyTimer timer_;
   ros::AsyncSpinner spinner_;
 };

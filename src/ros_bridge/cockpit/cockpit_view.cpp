@@ -51,8 +51,16 @@ std::string notEnabled(const CockpitView& view) {
 // What keeps the cockpit from commanding the arm; empty if nothing does.
 std::string notFree(const CockpitView& view) {
   const std::string out = notEnabled(view);
-  const bool calibrates = out.empty() && view.calibration.running;
-  return calibrates ? "a calibration commands the arm; cancel it first" : out;
+  if (!out.empty()) return out;
+  if (view.calibration.running) return "a calibration commands the arm; cancel it first";
+  return view.experiment.running ? "an experiment commands the arm; stop it first" : "";
+}
+
+// Likewise, of an action's run.
+std::string notToRun(const CockpitView& view) {
+  const std::string out = notFree(view);
+  const bool holds = out.empty() && view.goal != CockpitGoal::kNone;
+  return holds ? "the cockpit holds the arm; let go of it first" : out;
 }
 
 constexpr double kHighest = 1e12;  // a value beyond it does not scale the axis
@@ -164,13 +172,23 @@ Possibility mayCalibrate(const CockpitView& view) {
     return {"no calibration node is up; start arm.launch or demo.launch with calibration:=true"};
   }
   if (view.calibration.running) return {"a calibration runs already"};
-  if (const std::string out = notEnabled(view); !out.empty()) return {out};
-  if (view.goal != CockpitGoal::kNone) return {"the cockpit holds the arm; let go of it first"};
-  return {};
+  return {notToRun(view)};
 }
 
 Possibility mayCancel(const CockpitView& view) {
   return {view.calibration.running ? "" : "no calibration of this cockpit runs"};
+}
+
+Possibility mayExperiment(const CockpitView& view) {
+  if (!view.experiment.there) {
+    return {"no experiment node is up; start arm.launch or demo.launch with calibration:=true"};
+  }
+  if (view.experiment.running) return {"an experiment runs already"};
+  return {notToRun(view)};
+}
+
+Possibility mayStopExperiment(const CockpitView& view) {
+  return {view.experiment.running ? "" : "no experiment of this cockpit runs"};
 }
 
 Possibility mayUse(const CockpitView& view) {
@@ -240,6 +258,31 @@ Words calibrationWarnings(const CockpitView& view) {
     out.text += (out.text.empty() ? "" : "\n") + ("warning: " + shownText(warnings[i]));
   }
   return out;
+}
+
+Words experimentWords(const CockpitView& view) {
+  const CockpitExperiment& run = view.experiment;
+  if (run.running) {
+    const RunExperimentFeedback& now = run.progress;
+    if (now.doing.empty()) return {"begins", Tone::kQuiet};
+    const double left = now.seconds_left;
+    return {shownText(now.doing) + (left < 90 ? basics::format(", %.0f s left", left)
+                                              : basics::format(", %.0f min left", left / 60)),
+            Tone::kQuiet};
+  }
+  if (!run.ended) return {mayExperiment(view).why_not, Tone::kQuiet};
+  const RunExperimentResult& result = run.result;
+  std::string text = (result.success ? "" : "stopped: ") + shownText(result.message);
+  if (!result.sheet.empty()) text += "\ndata sheet: " + shownText(result.sheet);
+  const std::size_t count = std::min({result.names.size(), result.values.size(),
+                                      result.standard_errors.size(), result.units.size()});
+  for (std::size_t i = 0; i < count; ++i) {
+    if (!std::isfinite(result.values[i])) continue;
+    text += "\n" + shownText(result.names[i]) +
+            basics::format(": %.4g +- %.2g ", result.values[i], result.standard_errors[i]) +
+            shownText(result.units[i]);
+  }
+  return {text, result.success ? Tone::kGood : run.cancelled ? Tone::kCaution : Tone::kBad};
 }
 
 Words goalWords(const CockpitView& view) {

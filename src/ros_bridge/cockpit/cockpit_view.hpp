@@ -11,6 +11,8 @@
 
 #include "helix_arm/RunCalibrationFeedback.h"
 #include "helix_arm/RunCalibrationResult.h"
+#include "helix_arm/RunExperimentFeedback.h"
+#include "helix_arm/RunExperimentResult.h"
 #include "helix_arm/SafetyState.h"
 
 namespace helix_arm::ros_bridge {
@@ -48,16 +50,22 @@ struct CockpitHold {
   bool short_of = false;        ///< the last target is out of reach
 };
 
-/// The run and the result of ~run_calibration.
-struct CockpitCalibration {
+/// The run and the result of an action.
+template <class Feedback, class Result>
+struct CockpitRun {
   bool there = false;  ///< the action's server is connected
   bool running = false;
-  bool is_loaded = false;  ///< the calibrated scene is being saved and loaded
   bool ended = false;
   bool cancelled = false;
-  RunCalibrationFeedback progress;
-  RunCalibrationResult result;  ///< or without one, why
+  Feedback progress;
+  Result result;  ///< or without one, why
 };
+/// Of ~run_calibration.
+struct CockpitCalibration : CockpitRun<RunCalibrationFeedback, RunCalibrationResult> {
+  bool is_loaded = false;  ///< the calibrated scene is being saved and loaded
+};
+/// Of ~run_experiment.
+using CockpitExperiment = CockpitRun<RunExperimentFeedback, RunExperimentResult>;
 
 /// All that the cockpit shows of one arm, at one moment.
 struct CockpitView : CockpitHold {
@@ -76,6 +84,7 @@ struct CockpitView : CockpitHold {
   std::optional<CockpitLoop> loop;                  ///< if visual_servo is up
   double target_timeout = kUnknown;  ///< without targets for so long, the arm vents [s]; inf: never
   CockpitCalibration calibration;
+  CockpitExperiment experiment;
 };
 
 /// The last seconds of some values, for a strip chart. NaN where a value was unknown.
@@ -156,6 +165,8 @@ Possibility maySetPressure(const CockpitView& view, const CockpitChannel& channe
 Possibility mayAimTip(const CockpitView& view);
 Possibility mayCalibrate(const CockpitView& view);
 Possibility mayCancel(const CockpitView& view);
+Possibility mayExperiment(const CockpitView& view);
+Possibility mayStopExperiment(const CockpitView& view);
 Possibility mayUse(const CockpitView& view);
 
 /// A line with its tone.
@@ -169,6 +180,8 @@ Words loopWords(const CockpitView& view);
 Words calibrationWords(const CockpitView& view);
 /// What is doubtful in the result of a calibration; empty if nothing is.
 Words calibrationWarnings(const CockpitView& view);
+/// Progress and time left; or the figures and the path of the data sheet.
+Words experimentWords(const CockpitView& view);
 /// Answer to the cockpit's own targets, and what it holds.
 Words goalWords(const CockpitView& view);
 

@@ -43,15 +43,15 @@ constexpr double kBanner = 0.16;      // height of state and reason [m]
 constexpr double kTipTexts = 0.2;     // beyond the tip [m]
 constexpr double kTipTable = 0.34;    // from the tip to the end of the loop's table [m]
 
-// By Screen::Legend.
+// By Screen::Legend. Model and measured have the colours of the figures (scripts/plot_report).
 struct LegendText {
   const char* text;
   double r, g, b;
 };
-constexpr std::array<LegendText, 6> kLegend = {{{"white: model", 1.0, 1.0, 1.0},
-                                                {"green: tip trace", 0.4, 1.0, 0.6},
+constexpr std::array<LegendText, 6> kLegend = {{{"green: model", 0.18, 0.7, 0.27},
+                                                {"pale green: tip trace", 0.7, 1.0, 0.75},
                                                 {"orange: measured", 1.0, 0.55, 0.1},
-                                                {"yellow: model at the picture", 1.0, 0.95, 0.4},
+                                                {"dashes: model at the picture", 0.18, 0.7, 0.27},
                                                 {"cyan line: predicted", 0.2, 0.9, 1.0},
                                                 {"magenta: wanted tip", 1.0, 0.3, 0.9}}};
 
@@ -489,7 +489,7 @@ void VisionMarkers::addOutlines(const estimation::TagLayout& layout,
     for (int k = 0; k < 8; ++k) {  // edges from corner to corner
       const Eigen::Vector2d corner = corners.col((k + 1) / 2 % 4);
       tags.points.push_back(toPointMsg(X_BT[tag.tag] * Eigen::Vector3d(corner.x(), corner.y(), 0)));
-      tags.colors.push_back(tag.outlier ? color(1.0, 0.25, 0.2) : color(0.4, 1.0, 0.5));
+      tags.colors.push_back(tag.outlier ? color(1.0, 0.25, 0.2) : color(0.47, 0.78, 1.0));
     }
   }
 }

@@ -14,7 +14,9 @@
 #include "helix_arm/localization/twist_fit.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/procedures/budget_table.hpp"
+#include "helix_arm/procedures/calibration_job.hpp"
 #include "helix_arm/procedures/suspect_watch.hpp"
+#include "path_goal.hpp"
 #include "ros_bridge/common/arm_markers.hpp"
 #include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
@@ -65,10 +67,19 @@ class CalibrationWatch {
   std::string advice_;
 };
 
-/// What a contact is, as far as is known.
-inline std::string contactText(const procedures::SuspectWatch& suspects) {
-  const char* const doubt = ", or its muscles do not pull as the scene says";
-  return std::string("contact with the arm") + (suspects.isSound() ? "" : doubt);
+/// What a contact is, as far as is known: an arm whose muscles pull otherwise than the scene says
+/// seems to be touched.
+inline ContactWords contactWords(const procedures::SuspectWatch& suspects) {
+  if (!suspects.suspects().empty()) return {"it looks like a contact with the arm", "mend that"};
+  if (suspects.isSound()) return {"contact with the arm", "clear the arm"};
+  return {"contact with the arm, or its muscles do not pull as the scene says",
+          "clear the arm, and check its hoses"};
+}
+
+/// A text with the best suspect, if there is one, in front of it.
+inline std::string ledBySuspect(const procedures::SuspectWatch& suspects, const std::string& text) {
+  const std::vector<std::string> named = procedures::textsOf(suspects.suspects());
+  return (named.empty() ? "" : named.front() + "; ") + text;
 }
 
 /// Counts pictures, and says how the loop is doing.
@@ -485,7 +496,11 @@ class LoopPublisher {
       out.covariance = toCovarianceMsg(load.covariance);
       out.determined.assign(load.determined.data(),
                             load.determined.data() + load.determined.size());
-      out.message = contactText(*suspects_) + "; clear it, or accept the load (on_contact: report)";
+      const ContactWords words = contactWords(*suspects_);
+      const bool named = !suspects_->suspects().empty();
+      out.message =
+          ledBySuspect(*suspects_, words.what + "; " + (named ? words.remedy : "clear it") +
+                                       ", or accept the load (on_contact: report)");
     } else if (state == ExternalLoad::OUTSIDE_BUDGET) {
       out.message = loop_.drift().doubtful ? procedures::driftText(loop_.drift()) : kUnexplained;
     } else if (state == ExternalLoad::UNSEEN) {

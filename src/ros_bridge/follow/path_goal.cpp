@@ -94,9 +94,10 @@ PathGoal checkedGoal(const Goal& goal, const lie::SE3& X_BF) {
 
 std::optional<GoalEnding> GoalWatch::turn(double time, const follow::Turn& turn) {
   if (!turn.path_time) {
+    const ContactWords contact = contact_();
     return GoalEnding{Result::CONTACT,
-                      "contact with the arm, and on_contact is STOP: the path was aborted, "
-                      "and the command is held; clear the arm, and send the goal again"};
+                      contact.what + ", and on_contact is STOP: the path was aborted, and the " +
+                          "command is held; " + contact.remedy + ", and send the goal again"};
   }
   if (!moments_.empty() && time < moments_.back().time) {  // a jump back in time
     moments_.clear();
@@ -132,10 +133,11 @@ std::optional<GoalEnding> GoalWatch::visionEnding(double time, const follow::Tur
   const double patience = was_seen_ ? 0.0 : rules_.vision_patience;
   // A path that a contact holds goes on once the arm is seen to be free.
   if (turn.held && time - *blind_since_ >= patience) {
-    return GoalEnding{
-        Result::VISION_LOST,
-        "contact with the arm, and no picture of it since then: the path cannot go on; "
-        "check the camera (vision_status), clear the arm, and send the goal again"};
+    const ContactWords contact = contact_();
+    return GoalEnding{Result::VISION_LOST,
+                      contact.what + ", and no picture of it since then: the path cannot go on; " +
+                          "check the camera (vision_status), " + contact.remedy +
+                          ", and send the goal again"};
   }
   if (!rules_.require_vision || time - *blind_since_ < patience) return std::nullopt;
   return GoalEnding{Result::VISION_LOST,

@@ -45,6 +45,11 @@ struct GoalEnding {
   std::string message;  ///< what is wrong, and the remedy
 };
 
+/// What the loop takes a contact for, and what to do about it.
+struct ContactWords {
+  std::string what, remedy;
+};
+
 /// Distances of the measured tip from the path, without the way to it.
 struct GoalFigures {
   double rms = std::numeric_limits<double>::quiet_NaN();  ///< [m]
@@ -65,8 +70,10 @@ class GoalWatch {
     follow::LoopState state;
   };
 
-  /// @param end  time of the path's last point, since its start [s].
-  GoalWatch(const GoalRules& rules, double end) : rules_(rules), end_(end) {}
+  /// @param end      time of the path's last point, since its start [s].
+  /// @param contact  asked where a contact ends the goal.
+  GoalWatch(const GoalRules& rules, double end, std::function<ContactWords()> contact)
+      : rules_(rules), end_(end), contact_(std::move(contact)) {}
 
   /// Notes a turn since the loop follows the path. @return how the goal ended, if it did.
   std::optional<GoalEnding> turn(double time, const follow::Turn& turn);
@@ -88,6 +95,7 @@ class GoalWatch {
 
   const GoalRules rules_;
   const double end_;
+  const std::function<ContactWords()> contact_;
   std::deque<Moment> moments_;  ///< by ascending time
   std::optional<double> blind_since_;
   bool was_seen_ = false;

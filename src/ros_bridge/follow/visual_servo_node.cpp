@@ -229,8 +229,7 @@ class LoopTargets {
   /// The present target, base frame; nothing where its sender was silent for
   /// safety.target_timeout_s.
   const std::optional<follow::Target>& target() {
-    const double silence = (ros::SteadyTime::now() - last_target_).toSec();
-    if (target_ && silence > scene_.safety.rules.target_timeout) forget();
+    if (target_ && isSilent()) forget();
     return target_;
   }
   /// Whether the target is another than at the last call.
@@ -241,11 +240,17 @@ class LoopTargets {
     commander_.clear();
     changed_ = false;
   }
-  /// Who sent it; empty without a target.
-  const std::string& commander() const { return commander_; }
+  /// Who sent it, or the target that was refused; empty without either.
+  const std::string& commander() const {
+    return commander_.empty() && isRefused() ? refused_commander_ : commander_;
+  }
+  /// Why the last target was refused, until its sender falls silent; empty where it was not.
+  /// Repeated targets are refused one by one: without this a status would change with each.
+  std::string refusal() const { return isRefused() ? refusal_ : ""; }
 
   /// Answers the messages that wait for it: the loop commands the target.
   void answer(const TargetSolution& solution) {
+    refusal_.clear();
     for (const TargetSender& sender : unanswered_) admission_.accept(sender, solution);
     unanswered_.clear();
   }
@@ -254,6 +259,10 @@ class LoopTargets {
   /// pause for safety.target_timeout before its next target counts, or the arm be enabled.
   void refuse(const control::Refusal& refusal) {
     if (refusal.fault == control::Fault::kRested) rested_.hold("", regulator::steadyNow());
+    if (target_) {
+      refusal_ = refusal.message;
+      refused_commander_ = commander_;
+    }
     for (const TargetSender& sender : unanswered_) admission_.drop(sender, refusal);
     unanswered_.clear();
     forget();
@@ -283,6 +292,11 @@ class LoopTargets {
     const auto checked = control::checkTwists(scene_.arm.sectionCount(), event.getMessage()->twist);
     if (const model::Twists* twists = admission_.admit(sender, checked)) set(sender, *twists);
   }
+
+  bool isSilent() const {
+    return (ros::SteadyTime::now() - last_target_).toSec() > scene_.safety.rules.target_timeout;
+  }
+  bool isRefused() const { return !refusal_.empty() && !isSilent(); }
 
   /// The goal of a tip target in any frame that tf knows.
   control::Checked<TipGoal> seenFromBase(const TipTarget& target) const {
@@ -325,6 +339,7 @@ class LoopTargets {
   std::optional<follow::Target> target_;
   bool changed_ = false;
   std::string commander_;
+  std::string refusal_, refused_commander_;
   ros::SteadyTime last_target_;
   std::vector<TargetSender> unanswered_;
   ros::Subscriber tip_subscriber_, pose_subscriber_, shape_subscriber_;
@@ -368,14 +383,16 @@ class FollowAction {
   /// Longest time for which hardware stands at the last place of a goal [s].
   static constexpr double kLongestHold = 60.0;
 
-  /// @param scene, frames, targets, loop, link  Outlive this.
+  /// @param scene, frames, targets, loop, link, suspects  Outlive this.
   FollowAction(ros::NodeHandle& private_node, const io::Scene& scene, const FrameLookup& frames,
-               LoopTargets& targets, follow::VisualServo& loop, const CommandLink& link)
+               LoopTargets& targets, follow::VisualServo& loop, const CommandLink& link,
+               const std::optional<procedures::SuspectWatch>& suspects)
       : scene_(scene),
         frames_(frames),
         targets_(targets),
         loop_(loop),
         link_(link),
+        suspects_(suspects),
         client_(private_node, names::kFollowTipPath),
         server_(std::make_unique<Server>(
             private_node, names::kFollowTipPath,
@@ -422,7 +439,7 @@ class FollowAction {
   /// After a turn in which the loop commands.
   void watch(double time, const follow::Turn& turn) {
     if (!run_ || !run_->follows) return;
-    if (const auto ending = run_->watch.turn(time, turn)) end(*ending);
+    if (const auto ending = run_->watch.turn(time, turn)) endWatched(*ending);
   }
 
   /// After a picture that the loop used.
@@ -445,7 +462,7 @@ class FollowAction {
     feedback.state = follow::nameOf(moment->state);
     feedback.time_from_start = ros::Duration(moment->path_time);
     run_->handle.publishFeedback(feedback);
-    if (const auto ending = run_->watch.picture(*moment, X_BT.translation)) end(*ending);
+    if (const auto ending = run_->watch.picture(*moment, X_BT.translation)) endWatched(*ending);
   }
 
   /// The arm cannot be commanded: refuses or aborts the goal, and ends a hold.
@@ -545,7 +562,8 @@ class FollowAction {
     if (run_) cancel("replaced by a newer goal");
     next.setAccepted("accepted");
     client_.beginNext();
-    const GoalWatch watch(goal.rules, goal.path.lastTime());
+    const GoalWatch watch(goal.rules, goal.path.lastTime(),
+                          [this] { return contactWords(*suspects_); });
     run_.emplace(Run{std::move(next), std::move(goal), watch});
   }
 
@@ -580,6 +598,13 @@ class FollowAction {
                                              [&stop] { return stop.load(); });
       return refusal ? refusal->reason : std::string();
     };
+  }
+
+  // What is wrong with the arm comes before what it brought about.
+  void endWatched(GoalEnding ending) {
+    if (ending.code != Result::SUCCESSFUL)
+      ending.message = ledBySuspect(*suspects_, ending.message);
+    end(ending);
   }
 
   void end(const GoalEnding& ending) {
@@ -629,6 +654,7 @@ class FollowAction {
   LoopTargets& targets_;
   follow::VisualServo& loop_;
   const CommandLink& link_;
+  const std::optional<procedures::SuspectWatch>& suspects_;
   std::optional<Handle> candidate_;  ///< its goal is being checked
   PathChecker checker_;
   std::optional<Run> run_;
@@ -897,10 +923,7 @@ class VisualServoNode : public Node {
     logWarning("%s", procedures::textsOf(found).front().c_str());
   }
 
-  std::string reason() {
-    const std::vector<std::string> suspects = procedures::textsOf(suspects_->suspects());
-    return (suspects.empty() ? "" : suspects.front() + "; ") + stateReason();
-  }
+  std::string reason() { return ledBySuspect(*suspects_, stateReason()); }
 
   std::string stateReason() {
     const LoopState state = loop_.state();
@@ -912,6 +935,7 @@ class VisualServoNode : public Node {
     if (unseen && !pictures_.wrongStamp().empty()) return pictures_.wrongStamp();
     switch (state) {
       case LoopState::kIdle:
+        if (!targets_.refusal().empty()) return "waits for the arm: " + targets_.refusal();
         return isWanted() ? "waits for the arm: " + link_.whyNot() : "the loop has no target";
       case LoopState::kOpen:
         if (!closes_) return "kept open by ~close_loop";
@@ -923,8 +947,8 @@ class VisualServoNode : public Node {
       case LoopState::kCoasting:
         return "the arm is not seen for the moment: the correction is held";
       case LoopState::kYielding:
-        return contactText(*suspects_) + ": path and correction are held; clear the arm" +
-               (suspects_->isSound() ? "" : ", and check its hoses");
+        return contactWords(*suspects_).what + ": path and correction are held; " +
+               contactWords(*suspects_).remedy;
       case LoopState::kDoubtful:
         return "the correction is held, since " + procedures::driftText(loop_.drift());
       case LoopState::kDiverging:
@@ -984,7 +1008,7 @@ class VisualServoNode : public Node {
       options_.draw_rate,
       options_.handle ? [this](const TipTarget& target) { targets_.takeFromHandle(target); }
                       : TipHandle::OnTarget()};
-  FollowAction action_{private_node_, scene_, frames_, targets_, loop_, link_};
+  FollowAction action_{private_node_, scene_, frames_, targets_, loop_, link_, suspects_};
   DiagnosticsPublisher diagnostics_{node_};
   const ros::Subscriber readings_ =
       listen(node_, names::kPressureMeasured, 10, &Self::onReading, this);

@@ -156,14 +156,15 @@ std::string tipText(const estimation::TwistFit& fit, const ModelError* error) {
          fixed(error->tip_error_percent) + " %)";
 }
 
-constexpr int kOverlayPoints = 48;   // of a curve, per section; even: dashes are drawn in pairs
-constexpr double kTextShare = 0.45;  // of the picture's width: an arm in its middle stays in sight
+constexpr int kOverlayPoints = 48;  // of a curve, per section; even: dashes are drawn in pairs
+constexpr int kTextRows = 4;        // below the picture, at least: its size stays as it is
 
 constexpr int kShift = 4;  // OpenCV's fixed point: sixteenths of a pixel
 
-const cv::Scalar kFits(90, 230, 90), kDoesNotFit(50, 60, 255), kNotUsed(170, 170, 170);
+const cv::Scalar kFits(255, 200, 120), kDoesNotFit(50, 60, 255), kNotUsed(170, 170, 170);
 
-const cv::Scalar kMeasured(30, 140, 255), kModel(100, 240, 255), kDark(30, 30, 30);
+// Those of kLegend (arm_markers.cpp).
+const cv::Scalar kMeasured(26, 140, 255), kModel(69, 179, 46), kDark(30, 30, 30);
 
 // Sizes of lines and letters that stay legible if the picture is shown much smaller.
 struct Pen {
@@ -198,6 +199,25 @@ struct Pen {
            widest;
   }
 };
+
+cv::Mat withTextBelow(const cv::Mat& picture, const std::vector<std::string>& texts) {
+  cv::Mat out = picture;
+  const int height = static_cast<int>(std::lround(32 * Pen(out).letter)), indent = height / 3;
+  std::vector<std::string> lines;
+  for (const std::string& text : texts) {
+    const auto fits = [&](const std::string& line) {
+      return Pen(out).fits(line, picture.cols - 2 * indent);
+    };
+    for (std::string& line : wrapped(text, fits)) lines.push_back(std::move(line));
+  }
+  const int rows = std::max(kTextRows, static_cast<int>(lines.size()));
+  cv::copyMakeBorder(picture, out, 0, rows * height + indent, 0, 0, cv::BORDER_CONSTANT, kDark);
+  int row = picture.rows;
+  for (const std::string& line : lines) {
+    Pen(out).text(line, {indent, row += height}, Pen(out).letter, kMeasured);
+  }
+  return out;
+}
 
 void drawCurve(const Pen& pen, const estimation::Camera& camera, const lie::SE3& X_CB,
                const model::Shape& shape, const cv::Scalar& color, bool dashed) {
@@ -275,17 +295,7 @@ cv::Mat drawOverlay(const Measurement& measurement, const ObservationReport& rep
              {static_cast<int>(right.x()) + 3 * pen.width, static_cast<int>(right.y())},
              0.5 * pen.letter, color);
   }
-  const int height = static_cast<int>(std::lround(32 * pen.letter));
-  int row = 0;
-  for (const std::string& text : report.lines) {
-    const auto fits = [&](const std::string& line) {
-      return pen.fits(line, kTextShare * picture.cols);
-    };
-    for (const std::string& line : wrapped(text, fits)) {
-      pen.text(line, {height / 3, height * ++row}, pen.letter, kMeasured);
-    }
-  }
-  return picture;
+  return withTextBelow(picture, report.lines);
 }
 
 VisionStatusPublisher::VisionStatusPublisher(ros::NodeHandle& node, const std::string& name,

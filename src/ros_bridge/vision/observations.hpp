@@ -253,8 +253,8 @@ ObservationReport reportOf(const Measurement& measurement, const std::string& ba
 
 /// Draws over a picture what was seen in it.
 ///
-/// Tags are outlined, with their ids: green, red where they do not fit, grey where not the arm's or
-/// seen twice. The measured curve is solid, the model's dashed; lines of text are upper left.
+/// Tags are outlined, with their ids: light blue, red where they do not fit, grey where not the
+/// arm's or seen twice. The measured curve is solid, the model's dashed; lines of text are below.
 /// @return (CV_8UC3), BGR.
 cv::Mat drawOverlay(const Measurement& measurement, const ObservationReport& report);
 

@@ -1,0 +1,297 @@
+"""Step response of pressure and tip, per actuator."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Dict, List, Optional, Sequence, Tuple
+
+import numpy as np
+
+from helix_arm import _core
+from helix_arm.experiments.figures import NORMAL, Figure, correlated_mean, jackknife, of_repeats
+from helix_arm.experiments.protocol import BASE, Analysis, Course, Curve, Options, Plot, Recordings, Trial, base_shares, driven
+from helix_arm.experiments.rig import Recording, Rig
+from helix_arm.scene import Scene
+
+REPEATS, HOLD_S, TOP = 5, 8.0, 0.6  # TOP: share of the range
+LEVELS = {"t5": (0.05, "dead time"), "t63": (0.63, "63 % time"), "t90": (0.90, "90 % time"), "t98": (0.98, "98 % time")}
+LEAST, STILL, STILL_S = 0.2, 0.05, 0.1  # changes of the range of pressure that are a step, and that are none
+MISFIT, LEAST_WIDTH = 1.3, 1.5  # variance about a fit, by that of the noise; half width of a fit, by the spacing of readings
+SURE = 4.5  # standard deviations of a fitted value
+FINAL, BEFORE_S = 0.2, 1.0  # part of the hold whose mean is the final value; time before a step whose mean is the start
+
+
+def plan(rig: Rig, scene: Scene, options: Options) -> List[Trial]:
+    """One cycle that conditions the arm, then the repeats. Each begins at another phase of the camera, so that together they
+    sample the response more densely than its pictures."""
+    repeats, hold, trials = options.repeats or REPEATS, options.hold_s or HOLD_S, []
+    for actuator in options.actuators:
+        course, count = Course(rig), len(rig.limits_pa)
+        low, high = (course.share(base_shares(count, actuator, share)) for share in (BASE, TOP))
+        course.go(low).hold(hold)
+        for repeat in range(repeats + 1):
+            wait = hold + repeat / (repeats + 1) / rig.rate_hz
+            course.go(high).hold(wait).go(low).hold(wait)
+        trials.append(Trial(scene.actuators[actuator], course.inputs()))
+    return trials
+
+
+@dataclass(frozen=True)
+class Response:
+    """Of one step, as a part of it. time: since the command began to change [s]."""
+
+    time: np.ndarray
+    part: np.ndarray
+    spacing: float  # of the readings [s]
+
+
+@dataclass(frozen=True)
+class Step:
+    """begin: last row before the command changes. end: last row before the next change. From and to [Pa]."""
+
+    begin: int
+    end: int
+    before: float
+    after: float
+
+
+def steps_of(time: np.ndarray, pressure: np.ndarray) -> List[Step]:
+    """The steps of one pressure (m,), commanded or measured; each at least LEAST of its range."""
+    width = float(np.ptp(pressure))
+    quiet = max(1e-6 * width, 3 * float(np.median(np.abs(np.diff(pressure)))))
+    begins, level, since, moves = [], pressure[0], time[0], False
+    earlier = max(1, round(STILL_S / float(np.median(np.diff(time)))))
+    for row, (now, value) in enumerate(zip(time, pressure)):
+        if abs(value - level) > (STILL if moves else LEAST) * width:
+            if not moves:
+                begin = row
+                while begin > 0 and abs(pressure[begin] - level) > quiet:
+                    begin -= 1
+                begins.append(begin)
+            moves, level, since = True, value, now
+        elif now >= since + STILL_S:
+            moves = False
+            if abs(value - pressure[max(row - earlier, 0)]) <= quiet:
+                level = value
+    ends = [*begins[1:], len(time) - 1]
+    starts = [0, *begins[:-1]]
+
+    def level_of(begin: int, end: int) -> float:
+        return float(np.median(pressure[begin + (end - begin) // 2:end + 1]))
+
+    return [Step(b, e, level_of(s, b), level_of(b, e)) for s, b, e in zip(starts, begins, ends)]
+
+
+def response_of(time: np.ndarray, values: np.ndarray, step: Step, earlier: int) -> Optional[Response]:
+    """values: (m, k), NaN where not seen. earlier: row of the step before. None where start or end is not seen."""
+    begin, end = time[step.begin], time[step.end]
+    seen = np.isfinite(values).all(axis=1)
+    before = seen & (time > max(begin - BEFORE_S, time[earlier])) & (time <= begin)
+    final = seen & (time > end - FINAL * (end - begin)) & (time <= end)
+    if before.sum() < 2 or final.sum() < 2:
+        return None
+    start, way = values[before].mean(axis=0), values[final].mean(axis=0) - values[before].mean(axis=0)
+    rows = seen & (time > begin - BEFORE_S / 4) & (time <= end)
+    part = (values[rows] - start) @ way / (way @ way)
+    return Response(time[rows] - begin, part, float(np.median(np.diff(time[rows]))))
+
+
+def _smooth(parts: Sequence[Response]) -> Tuple[np.ndarray, np.ndarray]:
+    """All readings in the order of their times, each the mean of its neighbours."""
+    time, value = (np.concatenate([getattr(one, name) for one in parts]) for name in ("time", "part"))
+    order, width = np.argsort(time, kind="stable"), 2 * len(parts) + 1
+    kernel = np.ones(width) / width
+    return np.convolve(time[order], kernel, "valid"), np.convolve(value[order], kernel, "valid")
+
+
+def _pooled(parts: Sequence[Response]) -> Tuple[np.ndarray, np.ndarray]:
+    time, value = (np.concatenate([getattr(one, name) for one in parts]) for name in ("time", "part"))
+    return time, value
+
+
+def _local(parts: Sequence[Response], centres: np.ndarray, half: float) -> Tuple[np.ndarray, np.ndarray]:
+    """Values at times (k,) of quadratics through the readings within half of each, at least four, and the variances about these."""
+    time, value = _pooled(parts)
+    order = np.argsort(time, kind="stable")
+    time, value = time[order], value[order]
+    begins, ends = np.searchsorted(time, centres - half), np.searchsorted(time, centres + half)
+    lack = np.maximum(4 - (ends - begins), 0)
+    begins = np.clip(begins - (lack + 1) // 2, 0, len(time) - 4)
+    ends = np.maximum(ends, begins + 4)
+    rows = begins[:, None] + np.arange((ends - begins).max())
+    near = rows < ends[:, None]
+    rows = np.minimum(rows, len(time) - 1)
+    x, y = np.where(near, (time[rows] - centres[:, None]) / half, 0.0), np.where(near, value[rows], 0.0)
+    columns = np.stack([near.astype(float), x, x * x], axis=2)
+    normal = np.einsum("kri,krj->kij", columns, columns) + 1e-12 * np.eye(3)
+    fit = np.linalg.solve(normal, np.einsum("kri,kr->ki", columns, y)[..., None])[..., 0]
+    rest = np.sum((y - np.einsum("kri,ki->kr", columns, fit)) ** 2, axis=1)
+    return fit[:, 0], rest / np.maximum(ends - begins - 3, 1)
+
+
+def _noise(parts: Sequence[Response]) -> float:
+    """Variance of a reading, from the final part, of each repeat by itself."""
+    rests = [one.part[one.time > (1 - FINAL) * one.time[-1]] for one in parts]
+    return float(np.mean([np.var(np.diff(rest)) / 2 for rest in rests]))
+
+
+def _width(parts: Sequence[Response], centre: float, widest: float) -> float:
+    """Half of the largest width at which a quadratic fits within the noise, so that its bias is far below that."""
+    noise, half, least = _noise(parts), 2 * LEAST_WIDTH * parts[0].spacing, LEAST_WIDTH * parts[0].spacing
+    while half < widest and _local(parts, np.array([centre]), 1.4 * half)[1][0] < MISFIT * noise:
+        half *= 1.4
+    return max(half / 2, least)
+
+
+def time_to(parts: Sequence[Response], level: float) -> Tuple[float, float]:
+    """When the responses together first reach this part [s], and its standard error."""
+    time, value = _smooth(parts)
+
+    def first(part: float) -> float:
+        above = value >= part
+        return float(time[np.argmax(above)]) if above.any() else float(time[-1])
+
+    rough = first(level)
+    half = _width(parts, rough, max(rough, 4 * parts[0].spacing))
+    begin = max(first(level - 0.25) - half, float(time[0])) if level > 0.25 else max(rough - 4 * half, float(time[0]))
+
+    def crossing(some: Sequence[Response], beyond: float = 0.0, end: float = min(rough + 6 * half, float(time[-1]))) -> float:
+        grid = np.arange(begin, end, half / 3)
+        above = _local(some, grid, half)[0] - level - beyond
+        i = int(np.argmax((above[1:] >= 0) & (above[:-1] < 0)))
+        if not above[i] < 0 <= above[i + 1]:
+            return end
+        return float(grid[i] - above[i] * (grid[i + 1] - grid[i]) / (above[i + 1] - above[i]))
+
+    found, error = jackknife(parts, crossing)
+    # Ringing that almost touches the level: by noise, the first crossing may be another one.
+    sure = SURE * np.sqrt(_noise(parts) / max(float(np.sum(np.abs(time - rough) <= half)), 4.0))
+    other = max(abs(crossing(parts, beyond, float(time[-1])) - found) for beyond in (sure, -sure))
+    return found, max(error, other / NORMAL if other > 2 * SURE * error else 0.0)
+
+
+def overshoot(parts: Sequence[Response]) -> Tuple[float, float]:
+    """Largest part beyond 1 [%]. The others tell where it is, so that noise does not choose its maximum."""
+    time, value = _smooth(parts)
+    inside = (time > 0) & (time < (1 - FINAL) * min(one.time[-1] for one in parts))
+    peak = float(time[inside][np.argmax(value[inside])])
+    half = max(min(_width(parts, peak, peak), float(time[np.argmax(value >= 0.63)]) / 4), LEAST_WIDTH * parts[0].spacing)
+    grid = np.arange(half, time[inside][-1], half / 3)
+    curves = np.array([_local([one], grid, half)[0] for one in parts])
+    places = [int(np.argmax(np.delete(curves, i, 0).mean(axis=0))) for i in range(len(parts))]
+    return of_repeats([100 * (curves[i, place] - 1) for i, place in enumerate(places)])
+
+
+Group = List[Tuple[Recording, int, Step, int]]  # recording, actuator, step, row of the step before
+
+
+def _groups(recordings: Recordings, names: Sequence[str]) -> Dict[str, Group]:
+    """Steps by what they have in common, in their order; those that are made but once are left out."""
+    found: Dict[Tuple[int, int, int], Group] = {}
+    moved = [(recording, *driven(recording)) for recording in recordings.values() if recording.measured_pa.size]
+    widths: Dict[int, float] = {}
+    for _, actuator, pressure in moved:
+        widths[actuator] = max(widths.get(actuator, 0.0), float(np.ptp(pressure)))
+    for recording, actuator, pressure in moved:
+        earlier = 0
+        for step in steps_of(recording.time_s, pressure):
+            low, high = (round(level / (0.05 * widths[actuator])) for level in (step.before, step.after))
+            found.setdefault((actuator, low, high), []).append((recording, actuator, step, earlier))
+            earlier = step.begin
+    kept = {key: group for key, group in found.items() if len(group) > 1}
+    out: Dict[str, Group] = {}
+    for (actuator, low, high), group in kept.items():
+        name = f"{names[actuator]} {'up' if high > low else 'down'}"
+        if sum(key[0] == actuator for key in kept) > 2:
+            name += f" {1e-3 * group[-1][2].before:.0f} to {1e-3 * group[-1][2].after:.0f} kPa"
+        out[name] = group
+    return out
+
+
+def _times(name: str, what: str, parts: List[Response]) -> List[Figure]:
+    out = []
+    for symbol, (level, words) in LEVELS.items():
+        value, error = time_to(parts, level)
+        out.append(Figure(f"{name} {words}, {what}", symbol, value, error, "s",
+                          f"Time from the start of the commanded step until the {what} has gone {100 * level:g} % of its way to the "
+                          "mean of the last fifth of the hold (step response of IEC 60050-351); all repeats together, jackknife."))
+    value, error = overshoot(parts)
+    if value < 3 * error:
+        return out + [Figure.unknown(f"{name} overshoot, {what}", "o", "%", "the response does not overshoot by three standard errors.")]
+    out.append(Figure(f"{name} overshoot, {what}", "o", value, error, "%",
+                      f"Largest excess of the {what} over that mean before the last fifth of the hold, in parts of the way; "
+                      "scatter of the repeats."))
+    return out
+
+
+def _responses(group: Group, what: str) -> List[Response]:
+    """The first of more than three repeats conditions the arm."""
+    found = []
+    for recording, actuator, step, earlier in group[len(group) > 3:]:
+        values = recording.tip_m if what == "tip" else recording.measured_pa[:, actuator:actuator + 1]
+        found.append(response_of(recording.time_s, values, step, earlier))
+    return [one for one in found if one is not None]
+
+
+def analyse(recordings: Recordings, names: Sequence[str], scene: Optional[Scene] = None) -> Analysis:
+    """recordings: steps of one actuator at a time, each size at least twice; or releases without a pressure."""
+    out = Analysis()
+    groups = _groups(recordings, names)
+    for name, group in groups.items():
+        curves = []
+        for what in ("pressure", "tip"):
+            parts = _responses(group, what)
+            if len(parts) < 2:
+                out.figures.append(Figure.unknown(f"{name}, {what}", "t63", "s", "start and end are seen in fewer than two repeats."))
+                continue
+            out.figures += _times(name, what, parts)
+            curves.append(Curve(*_smooth(parts), what))
+        out.plots.append(Plot(f"{name}: response", "time since the command [s]", "part of the step", curves))
+        if " up" in name:
+            out.figures.append(_drift(name, group))
+    rings: Dict[str, List[Tuple[np.ndarray, np.ndarray]]] = {}
+    for name, group in groups.items():
+        quiet = [one.value for one in out.figures if one.symbol == "t98" and one.name.startswith(name) and one.name.endswith("pressure")]
+        for recording, actuator, step, _ in group:
+            time = recording.time_s
+            rows = recording.seen() & (time > time[step.begin] + max(quiet, default=0.0)) & (time <= time[step.end])
+            rings.setdefault(names[actuator], []).append((time[rows] - time[step.begin], recording.tip_m[rows]))
+    for recording in recordings.values():
+        if not recording.measured_pa.size:
+            rings.setdefault("arm", []).append((recording.time_s[recording.seen()], recording.tip_m[recording.seen()]))
+    for name, some in rings.items():
+        out.figures += _ringing(name, some)
+    return out
+
+
+def _drift(name: str, group: Group) -> Figure:
+    """Of the tip before the first and before the last step."""
+    means, errors = [], []
+    for recording, _, step, earlier in (group[0], group[-1]):
+        time, tip = recording.time_s, recording.tip_m
+        before = (time > max(time[step.begin] - BEFORE_S, time[earlier])) & (time <= time[step.begin]) & recording.seen()
+        if before.sum() < 3:
+            return Figure.unknown(f"{name} drift of the start", "d0", "mm", "the tip is not seen before the steps.")
+        pairs = [correlated_mean(one) for one in tip[before].T]
+        means.append([value for value, _ in pairs])
+        errors.append([error for _, error in pairs])
+    way = 1e3 * (np.array(means[1]) - means[0])
+    length = float(np.linalg.norm(way))
+    error = 1e3 * np.sqrt(np.sum((way / max(length, 1e-12)) ** 2 * np.sum(np.square(errors), axis=0)))
+    return Figure(f"{name} drift of the start", "d0", length, float(error), "mm",
+                  f"Distance of the tip before the last of {len(group)} steps from that before the first; readings correlated in "
+                  "time count as fewer.")
+
+
+def _ringing(name: str, rings: List[Tuple[np.ndarray, np.ndarray]]) -> List[Figure]:
+    """rings: times and tips of releases, or after steps, once the pressure has come to its end; as helix_arm calibrate --fit mode."""
+    time, tip = (np.concatenate(parts) for parts in zip(*rings))
+    found = _core._ringing(time, np.zeros((len(time), 0)), tip)
+    out = []
+    for key, symbol, words, unit in (("frequency_hz", "f", "frequency", "Hz"), ("damping", "zeta", "damping ratio", "1")):
+        if found["reason"]:
+            out.append(Figure.unknown(f"{name} {words}", symbol, unit, found["reason"] + "."))
+        else:
+            out.append(Figure(f"{name} {words}", symbol, *found[key], unit, f"Natural {words} of the slowest ringing after releases, or "
+                              "after steps once the pressure has gone 98 % of its way; a decaying sine beside an exponential, "
+                              "residuals correlated in time."))
+    return out

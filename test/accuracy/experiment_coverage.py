@@ -1,0 +1,297 @@
+#!/usr/bin/python3
+"""How often the 95 % intervals of helix_arm.experiments hold the truth, on arms that share no code with the package.
+
+Each rig has regulators with a lag, muscles with dead time, lag, play and creep, a mode, a valve that comes to rest a little differently
+each time, noise of readings and camera, and pictures in which the tip is not seen. The truth of a figure is what its definition gives
+for the rig's motion without noise, every 10 ms, or the rig's own parameter; of those of ISO 9283, the mean over many experiments.
+
+usage: experiment_coverage.py [--rigs N] [--seed N] [--experiments a,b,c] [--check]
+  --check   exit code 1 where intervals hold the truth in too few cases, or a bias exceeds what chance and a third of the error allow
+"""
+import argparse
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+from scipy.signal import lfilter
+
+from helix_arm import Scene
+from helix_arm.experiments import EXPERIMENTS, Options, Recording, iso9283
+from helix_arm.experiments.repeatability import attained_of, crossings
+
+STEP_S, RATE_HZ = 0.01, 30.0
+QUICK = {"step": 5, "hysteresis": 5, "bode": 6, "repeatability": 12, "stiffness": 4, "payload": 4, "creep": 12, "workspace": 24}
+
+
+class OwnRig:
+    """An arm of three muscles; a recording has all rows, and `truth` the same without noise, with the tip in every row."""
+
+    def __init__(self, scene, seed):
+        r = self.random = np.random.default_rng(seed)
+        self.limits_pa, self.slew_pa_s, self.rate_hz, self.hangs, self.origin = scene.limits_pa, 5e5, RATE_HZ, True, f"own {seed}"
+        self.regulator, self.lag, self.dead = r.uniform(0.05, 0.2), r.uniform(0.05, 0.6), r.integers(0, 5)
+        self.play, self.play_share = r.uniform(2e3, 8e3), r.uniform(0.4, 1.0)
+        self.creep, self.creep_s = r.uniform(0.02, 0.25), r.uniform(4, 20)
+        self.frequency, self.damping = r.uniform(1.5, 4), r.uniform(0.05, 0.5)
+        self.valve, self.noise_pa, self.noise_m, self.unseen = 200.0, r.uniform(1e3, 5e3), r.uniform(1e-4, 5e-4), 0.03
+        self.stroke = r.uniform(0.8, 1.2, 3)
+        self.compliance = np.diag(r.uniform(2e-3, 8e-3, 3)) * r.uniform(0.7, 1.3)
+        self.force = np.zeros(3)
+
+    def hang(self, force):
+        self.force = force
+
+    def tips(self, pressure):
+        """(m, 3) of an arc that the muscles bend and shorten."""
+        pull = self.stroke * np.tanh(pressure / 3e5) * 0.05
+        around = 2 * np.pi * np.arange(3) / 3
+        bend = np.stack([pull @ np.cos(around), pull @ np.sin(around)], axis=1) / 0.04
+        length, angle = 0.4 - pull.mean(axis=1), np.maximum(np.linalg.norm(bend, axis=1), 1e-9)
+        side = length * (1 - np.cos(angle)) / angle
+        return np.stack([length * np.sin(angle) / angle, side * bend[:, 0] / angle, side * bend[:, 1] / angle], axis=1)
+
+    def lagged(self, value, time_s):
+        keep = np.exp(-STEP_S / time_s)
+        return lfilter([1 - keep], [1, -keep], value, axis=0, zi=keep * value[:1])[0]
+
+    def played(self, value):
+        out = np.empty_like(value)
+        for column in range(value.shape[1]):
+            at = value[0, column]
+            for row, one in enumerate(value[:, column].tolist()):
+                at = min(max(at, one - self.play), one + self.play)
+                out[row, column] = at
+        return self.play_share * out + (1 - self.play_share) * value
+
+    def swung(self, value):
+        turn = 2 * np.pi * self.frequency
+        fall, angle = np.exp(-self.damping * turn * STEP_S), turn * np.sqrt(1 - self.damping**2) * STEP_S
+        a = np.array([1, -2 * fall * np.cos(angle), fall**2])
+        start = value[:1]
+        return start + lfilter([a.sum()], a, value - start, axis=0)
+
+    def motion(self, targets):
+        pressure = self.lagged(targets, self.regulator)
+        late = np.concatenate([np.repeat(pressure[:1], self.dead, axis=0), pressure])[:len(pressure)]
+        fast = self.played(self.lagged(late, self.lag))
+        effective = (1 - self.creep) * fast + self.creep * self.lagged(fast, self.creep_s)
+        return pressure, self.tips(self.swung(effective)) + self.compliance @ self.force
+
+    def record(self, inputs, stop, sink):
+        r, time = self.random, STEP_S * np.arange(1, round(inputs.time_s[-1] / STEP_S) + 1)
+        targets = inputs.at(time)
+        still = np.append(False, np.all(np.diff(targets, axis=0) == 0, axis=1))
+        arrivals = np.cumsum(np.append(0, np.diff(still.astype(int)) > 0))
+        valve = np.where(still[:, None], self.valve * r.standard_normal((arrivals[-1] + 1, 3))[arrivals], 0.0)
+        looks = np.diff(np.floor(np.append(0, time) * RATE_HZ + 1e-9)) > 0
+        pressure, tips = self.motion(targets + valve)
+        tips = tips + self.noise_m * r.standard_normal(tips.shape)
+        tips[~looks | (r.random(len(time)) < self.unseen)] = np.nan
+        self.truth = Recording(time, targets, *self.motion(targets))
+        return Recording(time, targets, pressure + self.noise_pa * r.standard_normal(pressure.shape), tips)
+
+
+def step_truth(rig, trials):
+    out = {}
+    for name, (_, true) in trials.items():
+        i = int(np.argmax(np.ptp(true.target_pa, axis=0)))
+        target, time = true.target_pa[:, i], true.time_s
+        low, high = np.median(target[300:700]), target.max()
+        starts = {"up": np.flatnonzero((target[:-1] == low) & (target[1:] > low)),
+                  "down": np.flatnonzero((target[:-1] == high) & (target[1:] < high))}
+        every = np.sort(np.concatenate(list(starts.values())))
+        for way, rows in starts.items():
+            found = {}
+            for row in rows[1:]:
+                later = every[every > row]
+                end = later[0] if len(later) else np.flatnonzero(target[row + 100:] < low)[0] + row + 99
+                for what, values in (("pressure", true.measured_pa[:, i:i + 1]), ("tip", true.tip_m)):
+                    held = time[end] - time[row]
+                    start = values[(time > time[row] - 1) & (time <= time[row])].mean(axis=0)
+                    final = values[(time > time[end] - 0.2 * held) & (time <= time[end])].mean(axis=0)
+                    part = (values[row:end + 1] - start) @ (final - start) / np.sum((final - start) ** 2)
+                    for symbol, level in (("t5", 0.05), ("t63", 0.63), ("t90", 0.9), ("t98", 0.98)):
+                        k = int(np.argmax(part >= level))
+                        found.setdefault((symbol, what), []).append(STEP_S * (k - (part[k] - level) / (part[k] - part[k - 1])))
+                    found.setdefault(("o", what), []).append(100 * (part[:int(0.8 * len(part))].max() - 1))
+            for (symbol, what), values in found.items():
+                words = {"t5": "dead time", "t63": "63 % time", "t90": "90 % time", "t98": "98 % time", "o": "overshoot"}[symbol]
+                out[f"{name} {way} {words}, {what}"] = np.mean(values)
+        out[f"{name} frequency"], out[f"{name} damping ratio"] = rig.frequency, rig.damping
+    return out
+
+
+def bode_truth(rig, trials):
+    out = {}
+    for name, (recording, true) in trials.items():
+        actuator, period = name.split(" ")[0], int(float(name.split(" ")[2]) / STEP_S)
+        i = int(np.argmax(np.ptp(true.target_pa, axis=0)))
+        end = np.flatnonzero(true.target_pa[:, i] >= true.target_pa[len(true.time_s) // 2:, i].max() * 0.5)[-1] - 60
+        X = np.fft.rfft(true.target_pa[end - period:end, i])
+        Y = np.fft.rfft(true.tip_m[end - period:end], axis=0)
+        lines = np.flatnonzero(np.abs(X) > 0.03 * np.abs(X[1:]).max())
+        lines = lines[lines > 0]
+        ratio = Y[lines] / X[lines, None]
+        direction = np.real(ratio[0]) / np.linalg.norm(np.real(ratio[0]))
+        G, f = ratio @ direction, lines / (period * STEP_S)
+        fall = 20 * np.log10(np.abs(G / G[0])) + 3
+        k = int(np.argmax(fall < 0))
+        corner = np.exp(np.interp(0, [-fall[k - 1], -fall[k]], np.log([f[k - 1], f[k]])))
+        passed, near = f <= corner, int(np.argmin(np.abs(f - 1)))
+        pictures = recording.seen()[end - period:end].sum()
+        signal = np.abs(G[passed] * X[lines[passed]] * 2 / period) ** 2
+        out.update({f"{actuator} gain": 1e6 * abs(G[0]), f"{actuator} gain at {f[near]:.3g} Hz": 1e6 * abs(G[near]),
+                    f"{actuator} phase at {f[near]:.3g} Hz": np.degrees(np.angle(G[near])), f"{actuator} -3 dB frequency": corner,
+                    f"{actuator} coherence": np.mean(signal / (signal + 4 * rig.noise_m**2 / pictures)),
+                    f"{actuator} delay": -np.polyfit(2 * np.pi * f[passed], np.unwrap(np.angle(G[passed])), 1)[0]})
+    return out
+
+
+def loops(true):
+    """Cycles of the actuator that moves: period, rate, stroke, branches over the pressure, and the gap at half of the stroke."""
+    i = int(np.argmax(np.ptp(true.target_pa, axis=0)))
+    target, found, chord = true.target_pa[:, i], [], None
+    tops = np.flatnonzero((target[1:-1] > target[:-2]) & (target[1:-1] >= target[2:]) & (target[1:-1] > 0.9 * target.max())) + 1
+    low = np.median(target[50 + int(np.argmax(np.diff(target) == 0)):][:50])
+    bottoms = np.flatnonzero((target[1:-1] <= low + 1) & ((target[:-2] > low + 1) | (target[2:] > low + 1))) + 1
+    for top in tops:
+        a, b = bottoms[bottoms < top][-1], bottoms[bottoms > top][0]
+        near = [true.tip_m[max(m - (top - a) // 24, a):m + (b - top) // 24].mean(axis=0) for m in (top,)]
+        ends = [true.tip_m[a:a + (top - a) // 24].mean(axis=0), true.tip_m[b - (b - top) // 24:b].mean(axis=0)]
+        way = near[0] - (ends[0] + ends[1]) / 2
+        chord = way / np.linalg.norm(way) if chord is None else chord
+        s, p = true.tip_m @ chord, true.measured_pa[:, i]
+        grid = np.linspace(p[a:b].min(), p[a:b].max(), 801)
+        up, down = (np.interp(grid, np.maximum.accumulate(p[rows]), s[rows]) for rows in (slice(a + 30, top + 20), slice(b - 1, top + 20, -1)))
+        half = (s[a:a + (top - a) // 24].mean() / 2 + s[b - (b - top) // 24:b].mean() / 2 + near[0] @ chord) / 2
+        found.append(SimpleNamespace(period=(b - a) * STEP_S, rate=2 * np.ptp(target[a:b]) / ((b - a) * STEP_S), stroke=way @ chord, up=up,
+                                     down=down, grid=grid, gap=np.interp(half, up, grid) - np.interp(half, down, grid)))
+    return found
+
+
+def hysteresis_truth(rig, trials):
+    out = {}
+    for name, (_, true) in trials.items():
+        cycles = loops(true)
+        groups = [[c for c in cycles if abs(c.period - p) < 0.5][1:] for p in (max(c.period for c in cycles), min(c.period for c in cycles))]
+        for group in groups:
+            inner = slice(80, 721)
+            out[f"{name} loop width at {group[0].period:.3g} s"] = 100 * max(np.mean([(c.down - c.up)[inner] / c.stroke for c in group], axis=0))
+        out[f"{name} stroke"] = 1e3 * np.mean([c.stroke for c in groups[0]])
+        slow, fast = ((np.mean([c.gap for c in group]) / 2, group[0].rate) for group in groups)
+        lag = (fast[0] - slow[0]) / (fast[1] - slow[1])
+        out.update({f"{name} lag": lag, f"{name} play": 1e-3 * (slow[0] - lag * slow[1])})
+    return out
+
+
+def creep_truth(rig, trials):
+    out = {}
+    for trial, (_, true) in trials.items():
+        name = trial.split(" ")[0]
+        i = int(np.argmax(np.ptp(true.target_pa, axis=0)))
+        if "fatigue" in trial:
+            cycles = loops(true)[1:]
+            for words, values in (("start drift", [1e3 * np.interp(c.grid[0] + 0.1 * np.ptp(c.grid), c.grid, c.up) for c in cycles]),
+                                  ("stroke drift", [1e3 * c.stroke for c in cycles]),
+                                  ("loop width drift", [100 * ((c.down - c.up) / c.stroke)[400] for c in cycles])):
+                out[f"{name} {words}"] = np.polyfit(np.arange(len(cycles)), values, 1)[0]
+            continue
+        target = true.target_pa[:, i]
+        base = np.median(target[100:400])
+        begin = np.flatnonzero((target[:-1] == base) & (target[1:] > base))[-1]
+        since = STEP_S * (np.arange(len(target)) - begin)
+        around = {centre: np.abs(since - centre) <= 0.1 * centre for centre in (10, 100)}
+        way = true.tip_m[around[10]].mean(axis=0) - true.tip_m[(since > -1) & (since < 0)].mean(axis=0)
+        s = true.tip_m @ way / np.linalg.norm(way)
+        drift = s[around[100]].mean() - s[around[10]].mean()
+        out.update({f"{name} creep": 1e3 * drift, f"{name} creep of the step": 100 * drift / np.linalg.norm(way),
+                    f"{name} sag": 1e-3 * (true.measured_pa[around[100], i].mean() - true.measured_pa[around[10], i].mean())})
+    return out
+
+
+def repeatability_truth(rig, trials):
+    """Means over many experiments that differ in the valve and in the noise alone."""
+    scene, found = Scene.load("demo"), {}
+    (recording, true), draws = trials["poses"], 300
+    poses, r = attained_of(true), np.random.default_rng(5)
+    spread = []
+    for target, tips in poses.values():
+        slope = np.array([rig.tips(target[None] + 100 * e)[0] - rig.tips(target[None])[0] for e in np.eye(3)]).T / 100
+        still = rig.valve * slope * (1 - rig.creep)
+        count = 30 * (1 - rig.unseen)
+        spread.append((tips, r.standard_normal((draws, *tips.shape)) @ still.T + rig.noise_m / np.sqrt(count) * r.standard_normal((draws, *tips.shape))))
+    drawn = [tips + noise for tips, noise in spread]
+    wanted = [scene.tips(target) for target, _ in poses.values()]
+    for k, some in enumerate(drawn):
+        found[f"P{k + 1} accuracy"] = np.mean([iso9283.pose_accuracy(one, wanted[k]) for one in some])
+        found[f"P{k + 1} repeatability"] = np.mean([iso9283.pose_repeatability(one) for one in some])
+    found["P2-P4 distance repeatability"] = np.mean([iso9283.distance_repeatability(a, b) for a, b in zip(drawn[1], drawn[3])])
+    distance = np.linalg.norm(wanted[1] - wanted[3])
+    found["P2-P4 distance accuracy"] = np.mean([iso9283.distance_accuracy(a, b, distance) for a, b in zip(drawn[1], drawn[3])])
+    third = len(drawn[0][0]) // 3
+    found["P1 drift of accuracy"] = np.mean([iso9283.accuracy_drift(one[:third], one[-third:], wanted[0]) for one in drawn[0]])
+    found["P1 drift of repeatability"] = np.mean([iso9283.repeatability_drift(one[:third], one[-third:]) for one in drawn[0]])
+    return {name: 1e3 * value for name, value in found.items()}
+
+
+def stiffness_truth(rig, trials):
+    return {f"stiffness along {'xyz'[k]} at {level} %": 1e-3 / rig.compliance[k, k] for k in range(3) for level in (20, 60)}
+
+
+def payload_truth(rig, trials):
+    return {"shift by a payload": 1e3 * np.linalg.norm(rig.compliance @ Scene.load("demo")._down) * 0.05 * 9.81}
+
+
+def workspace_truth(rig, trials):
+    (_, true), = trials.values()
+    analysis = EXPERIMENTS["workspace"].analyse({"places": true}, [], Scene.load("demo"))
+    return {one.name: one.value for one in analysis.figures}
+
+
+TRUTHS = {"step": step_truth, "bode": bode_truth, "hysteresis": hysteresis_truth, "creep": creep_truth,
+          "repeatability": repeatability_truth, "stiffness": stiffness_truth, "payload": payload_truth, "workspace": workspace_truth}
+
+
+def judged(name, scene, seed):
+    """(symbol, (value - truth) / standard error) of the figures that have both."""
+    rig = OwnRig(scene, seed)
+    plan = EXPERIMENTS[name].plan(rig, scene, Options([0, 1, 2], QUICK[name]))
+    trials = {}
+    for trial in plan:
+        rig.hang(np.zeros(3) if trial.force_n is None else trial.force_n)
+        recording = rig.record(trial.inputs, lambda: "", lambda rows: None)
+        trials[trial.name] = recording, rig.truth
+    truth = TRUTHS[name](rig, trials)
+    figures = EXPERIMENTS[name].analyse({key: pair[0] for key, pair in trials.items()}, scene.actuators, scene).figures
+    return [(one.symbol + (" pressure" if one.name.endswith("pressure") else ""), (one.value - truth[one.name]) / one.standard_error, one, truth[one.name])
+            for one in figures if one.value is not None and one.name in truth]
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--rigs", type=int, default=50)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--experiments", default=",".join(TRUTHS))
+    parser.add_argument("--check", action="store_true")
+    parser.add_argument("--verbose", action="store_true")
+    o = parser.parse_args()
+    scene, bad = Scene.load("demo"), 0
+    print(f"{'experiment':<15}{'figure':<14}{'number':>7}{'in 95 %':>9}{'bias':>8}")
+    for name in o.experiments.split(","):
+        found = {}
+        for k in range(o.rigs):
+            for symbol, deviation, one, truth in judged(name, scene, o.seed + k):
+                found.setdefault(symbol, []).append(deviation)
+                if o.verbose and abs(deviation) > 3:
+                    print(k, one.name, one.value, one.standard_error, truth)
+        for symbol, values in found.items():
+            z = np.array(values)
+            held, bias, chance = np.mean(np.abs(z) <= 1.96), z.mean(), 3 / np.sqrt(len(z))
+            wrong = held < 0.95 - 0.05 - chance * 0.22 or abs(np.median(z)) > 1 / 3 + chance * 1.25
+            bad += wrong
+            print(f"{name:<15}{symbol:<14}{len(z):>7}{100 * held:>7.0f} %{bias:>8.2f}{'  !' if wrong else ''}", flush=True)
+    return 1 if bad and o.check else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
