@@ -7,7 +7,7 @@ from typing import Dict, List, Optional, Sequence, Tuple
 import numpy as np
 
 from helix_arm import _core
-from helix_arm.experiments.figures import NORMAL, Figure, correlated_mean, jackknife, of_repeats
+from helix_arm.experiments.figures import NORMAL, Figure, correlated_mean, jackknife
 from helix_arm.experiments.protocol import BASE, Analysis, Course, Curve, Options, Plot, Recordings, Trial, base_shares, driven
 from helix_arm.experiments.rig import Recording, Rig
 from helix_arm.scene import Scene
@@ -170,15 +170,13 @@ def time_to(parts: Sequence[Response], level: float) -> Tuple[float, float]:
 
 
 def overshoot(parts: Sequence[Response]) -> Tuple[float, float]:
-    """Largest part beyond 1 [%]. The others tell where it is, so that noise does not choose its maximum."""
+    """Largest part beyond 1 before the final part [%]."""
     time, value = _smooth(parts)
     inside = (time > 0) & (time < (1 - FINAL) * min(one.time[-1] for one in parts))
     peak = float(time[inside][np.argmax(value[inside])])
     half = max(min(_width(parts, peak, peak), float(time[np.argmax(value >= 0.63)]) / 4), LEAST_WIDTH * parts[0].spacing)
     grid = np.arange(half, time[inside][-1], half / 3)
-    curves = np.array([_local([one], grid, half)[0] for one in parts])
-    places = [int(np.argmax(np.delete(curves, i, 0).mean(axis=0))) for i in range(len(parts))]
-    return of_repeats([100 * (curves[i, place] - 1) for i, place in enumerate(places)])
+    return jackknife(parts, lambda some: 100 * float(_local(some, grid, half)[0].max() - 1))
 
 
 Group = List[Tuple[Recording, int, Step, int]]  # recording, actuator, step, row of the step before
@@ -219,7 +217,7 @@ def _times(name: str, what: str, parts: List[Response]) -> List[Figure]:
         return out + [Figure.unknown(f"{name} overshoot, {what}", "o", "%", "the response does not overshoot by three standard errors.")]
     out.append(Figure(f"{name} overshoot, {what}", "o", value, error, "%",
                       f"Largest excess of the {what} over that mean before the last fifth of the hold, in parts of the way; "
-                      "scatter of the repeats."))
+                      "jackknife over the repeats."))
     return out
 
 
