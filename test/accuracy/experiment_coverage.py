@@ -29,7 +29,7 @@ class OwnRig:
     def __init__(self, scene, seed):
         r = self.random = np.random.default_rng(seed)
         self.limits_pa, self.slew_pa_s, self.rate_hz, self.hangs, self.origin = scene.limits_pa, 5e5, RATE_HZ, True, f"own {seed}"
-        self.regulator, self.lag, self.dead = r.uniform(0.05, 0.2), r.uniform(0.05, 0.6), r.integers(0, 5)
+        self.regulator, self.lag, self.dead = r.uniform(0.03, 0.15), np.exp(r.uniform(np.log(0.02), np.log(0.6))), r.integers(0, 5)
         self.play, self.play_share = r.uniform(2e3, 8e3), r.uniform(0.4, 1.0)
         self.creep, self.creep_s = r.uniform(0.02, 0.25), r.uniform(4, 20)
         self.frequency, self.damping = r.uniform(1.5, 4), r.uniform(0.05, 0.5)
