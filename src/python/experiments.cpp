@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <limits>
 
 #include <pybind11/eigen.h>
@@ -57,7 +58,9 @@ py::dict ringingOf(const std::vector<double>& time, const Eigen::MatrixXd& press
   const estimation::ModeFit fit = estimation::fitMode({pressure, time, begins}, position);
   const auto pairOf = [](const auto& one) { return std::pair(one.value, one.standard_error); };
   return py::dict("reason"_a = fit.failure, "frequency_hz"_a = pairOf(fit.frequency),
-                  "damping"_a = pairOf(fit.damping));
+                  "damping"_a = pairOf(fit.damping), "all"_a = fit.rings.size(),
+                  "found"_a = std::count_if(fit.rings.begin(), fit.rings.end(),
+                                            [](const auto& one) { return one.found(); }));
 }
 
 }  // namespace

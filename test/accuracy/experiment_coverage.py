@@ -29,7 +29,7 @@ class OwnRig:
     def __init__(self, scene, seed):
         r = self.random = np.random.default_rng(seed)
         self.limits_pa, self.slew_pa_s, self.rate_hz, self.hangs, self.origin = scene.limits_pa, 5e5, RATE_HZ, True, f"own {seed}"
-        self.regulator, self.lag, self.dead = r.uniform(0.05, 0.2), r.uniform(0.05, 0.6), r.integers(0, 5)
+        self.regulator, self.lag, self.dead = r.uniform(0.03, 0.15), np.exp(r.uniform(np.log(0.02), np.log(0.6))), r.integers(0, 5)
         self.play, self.play_share = r.uniform(2e3, 8e3), r.uniform(0.4, 1.0)
         self.creep, self.creep_s = r.uniform(0.02, 0.25), r.uniform(4, 20)
         self.frequency, self.damping = r.uniform(1.5, 4), r.uniform(0.05, 0.5)
@@ -126,9 +126,8 @@ def bode_truth(rig, trials):
     for name, (recording, true) in trials.items():
         actuator, period = name.split(" ")[0], int(float(name.split(" ")[2]) / STEP_S)
         i = int(np.argmax(np.ptp(true.target_pa, axis=0)))
-        end = np.flatnonzero(true.target_pa[:, i] >= true.target_pa[len(true.time_s) // 2:, i].max() * 0.5)[-1] - 60
-        X = np.fft.rfft(true.target_pa[end - period:end, i])
-        Y = np.fft.rfft(true.tip_m[end - period:end], axis=0)
+        end = len(true.time_s) - 200
+        X, Y = (np.fft.rfft(values[end - period:end], axis=0) for values in (true.target_pa[:, i], true.tip_m))
         lines = np.flatnonzero(np.abs(X) > 0.03 * np.abs(X[1:]).max())
         lines = lines[lines > 0]
         ratio = Y[lines] / X[lines, None]
@@ -147,23 +146,30 @@ def bode_truth(rig, trials):
     return out
 
 
+def mean(values, begin, end):
+    rows = np.linspace(begin, end, 201)
+    return np.mean([np.interp(rows, np.arange(len(values)), one) for one in values.T], axis=1)
+
+
 def loops(true):
     """Cycles of the actuator that moves: period, rate, stroke, branches over the pressure, and the gap at half of the stroke."""
     i = int(np.argmax(np.ptp(true.target_pa, axis=0)))
     target, found, chord = true.target_pa[:, i], [], None
     tops = np.flatnonzero((target[1:-1] > target[:-2]) & (target[1:-1] >= target[2:]) & (target[1:-1] > 0.9 * target.max())) + 1
     low = np.median(target[50 + int(np.argmax(np.diff(target) == 0)):][:50])
-    bottoms = np.flatnonzero((target[1:-1] <= low + 1) & ((target[:-2] > low + 1) | (target[2:] > low + 1))) + 1
-    for top in tops:
-        a, b = bottoms[bottoms < top][-1], bottoms[bottoms > top][0]
-        near = [true.tip_m[max(m - (top - a) // 24, a):m + (b - top) // 24].mean(axis=0) for m in (top,)]
-        ends = [true.tip_m[a:a + (top - a) // 24].mean(axis=0), true.tip_m[b - (b - top) // 24:b].mean(axis=0)]
-        way = near[0] - (ends[0] + ends[1]) / 2
+    bottoms = [a + int(np.argmin(target[a:b])) for a, b in zip(tops, tops[1:])]
+    bottoms = [int(np.flatnonzero(target[:tops[0]] <= low + 1)[-1]), *bottoms, tops[-1] + int(np.argmax(target[tops[-1]:] <= low))]
+    for a, top, b in zip(bottoms, tops, bottoms[1:]):
+        m, n = (top - a) / 24, (b - top) / 24  # rows of the parts next to the ends
+        high = (mean(true.tip_m, top - m, top) + mean(true.tip_m, top, top + n)) / 2
+        ends = [mean(true.tip_m, a, a + m), mean(true.tip_m, b - n, b)]
+        way = high - (ends[0] + ends[1]) / 2
         chord = way / np.linalg.norm(way) if chord is None else chord
         s, p = true.tip_m @ chord, true.measured_pa[:, i]
-        grid = np.linspace(p[a:b].min(), p[a:b].max(), 801)
+        pairs = [[mean(p[:, None], *ends)[0] for ends in both] for both in (((a, a + m), (b - n, b)), ((top - m, top), (top, top + n)))]
+        grid = np.linspace(max(pairs[0]), min(pairs[1]), 801)
         up, down = (np.interp(grid, np.maximum.accumulate(p[rows]), s[rows]) for rows in (slice(a + 30, top + 20), slice(b - 1, top + 20, -1)))
-        half = (s[a:a + (top - a) // 24].mean() / 2 + s[b - (b - top) // 24:b].mean() / 2 + near[0] @ chord) / 2
+        half = ((ends[0] + ends[1]) / 2 + high) @ chord / 2
         found.append(SimpleNamespace(period=(b - a) * STEP_S, rate=2 * np.ptp(target[a:b]) / ((b - a) * STEP_S), stroke=way @ chord, up=up,
                                      down=down, grid=grid, gap=np.interp(half, up, grid) - np.interp(half, down, grid)))
     return found
@@ -174,9 +180,9 @@ def hysteresis_truth(rig, trials):
     for name, (_, true) in trials.items():
         cycles = loops(true)
         groups = [[c for c in cycles if abs(c.period - p) < 0.5][1:] for p in (max(c.period for c in cycles), min(c.period for c in cycles))]
-        for group in groups:
-            inner = slice(80, 721)
-            out[f"{name} loop width at {group[0].period:.3g} s"] = 100 * max(np.mean([(c.down - c.up)[inner] / c.stroke for c in group], axis=0))
+        for nominal, group in zip((32, 8), groups):
+            inner = slice(160, 641)
+            out[f"{name} loop width at {nominal} s"] = 100 * max(np.mean([(c.down - c.up)[inner] / c.stroke for c in group], axis=0))
         out[f"{name} stroke"] = 1e3 * np.mean([c.stroke for c in groups[0]])
         slow, fast = ((np.mean([c.gap for c in group]) / 2, group[0].rate) for group in groups)
         lag = (fast[0] - slow[0]) / (fast[1] - slow[1])
@@ -191,7 +197,7 @@ def creep_truth(rig, trials):
         i = int(np.argmax(np.ptp(true.target_pa, axis=0)))
         if "fatigue" in trial:
             cycles = loops(true)[1:]
-            for words, values in (("start drift", [1e3 * np.interp(c.grid[0] + 0.1 * np.ptp(c.grid), c.grid, c.up) for c in cycles]),
+            for words, values in (("start drift", [1e3 * np.interp(c.grid[0] + 0.2 * np.ptp(c.grid), c.grid, c.up) for c in cycles]),
                                   ("stroke drift", [1e3 * c.stroke for c in cycles]),
                                   ("loop width drift", [100 * ((c.down - c.up) / c.stroke)[400] for c in cycles])):
                 out[f"{name} {words}"] = np.polyfit(np.arange(len(cycles)), values, 1)[0]
