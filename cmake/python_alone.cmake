@@ -5,6 +5,6 @@ install(TARGETS helix_arm_core helix_arm_estimation helix_arm_follow helix_arm_d
     helix_arm_procedures helix_arm_bag
   LIBRARY DESTINATION lib)
 install(TARGETS helix_arm_python LIBRARY DESTINATION .)
-install(FILES ${helix_arm_python} DESTINATION .)
+install(DIRECTORY python/helix_arm/ DESTINATION . PATTERN __pycache__ EXCLUDE)
 install(DIRECTORY config DESTINATION share/helix_arm)
 install(PROGRAMS scripts/read_bag DESTINATION share/helix_arm/scripts)

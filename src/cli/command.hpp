@@ -61,10 +61,10 @@ Subcommand addTags(CLI::App& app);
 Subcommand addTrade(CLI::App& app);
 Subcommand addWorkspace(CLI::App& app);
 
-/// Runs a file of the Python package in the place of this process, without loading the package.
+/// Runs scripts/NAME.py in the place of this process.
 /// @param words  its arguments behind the path of this program.
 /// @throws CallerError where it cannot be run; otherwise it does not return.
-int runPython(const std::string& module, std::vector<std::string> words);
+int runPython(const std::string& script, std::vector<std::string> words);
 
 /// Exit code of a command that was interrupted, as a shell gives it for Ctrl-C.
 inline constexpr int kInterrupted = 130;

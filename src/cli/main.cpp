@@ -27,7 +27,7 @@ const char* const kFooter =
     "Exit codes: 0 done; 1 the data did not allow it (the reason is in the result); 2 the\n"
     "call or a document is wrong (the reason is on stderr).";
 
-// Asks, in place of work, for names that the help does not list: python/helix_arm/completion.py
+// Asks, in place of work, for names that the help does not list: scripts/completion.py
 // offers them.
 const std::string kNamesOption = "--names";
 

@@ -17,7 +17,7 @@ from unittest import mock
 from xmlrpc.server import SimpleXMLRPCRequestHandler, SimpleXMLRPCServer
 
 COMMAND = None
-spec = importlib.util.spec_from_file_location("doctor", str(Path(__file__).resolve().parents[2] / "python/helix_arm/doctor.py"))
+spec = importlib.util.spec_from_file_location("doctor", str(Path(__file__).resolve().parents[2] / "scripts/doctor.py"))
 doctor = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(doctor)
 

@@ -103,7 +103,7 @@ class Doctor:
         self.say("path", not place or os.path.realpath(place) != os.path.realpath(self.program),
                  place or "helix_arm is not on PATH", "source devel/setup.bash of the package that you mean", "warning")
         code = "import helix_arm; print(helix_arm.__version__, helix_arm.__file__)"
-        path = str(Path(__file__).resolve().parents[1]) + os.pathsep + self.environment.get("PYTHONPATH", "")
+        path = str(Path(self.program).resolve().parents[1] / "python3/dist-packages") + os.pathsep + self.environment.get("PYTHONPATH", "")
         found = output_of("env", "PYTHONPATH=" + path, sys.executable, "-c", code).split("\n")[-1]
         self.say("python_package", not version or found.split(" ")[0] != version.split(" ")[-1], found,
                  "install what it misses, or build again: it is to have the version of the command")
@@ -193,5 +193,4 @@ def main(program, form):
 
 
 if __name__ == "__main__":
-    sys.path[0] = str(Path(__file__).resolve().parents[1])  # this folder has names of other modules
     sys.exit(main(*sys.argv[1:]))
