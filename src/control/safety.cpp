@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <sstream>
 #include <utility>
 
 #include "helix_arm/basics/requirement.hpp"
@@ -70,6 +69,54 @@ void checkChannels(const std::vector<ChannelRules>& channels, const SafetyRules&
                     rules.vented_below, "; expected less than ", nearest,
                     ", where it is over its limits by trip_margin");
   }
+}
+
+std::string tell(const std::string& what, double from, double to, const char* unit) {
+  return basics::messageOf(what, " would go from ", from, " to ", to, " ", unit);
+}
+
+std::string loosened(const ChannelRules& from, const ChannelRules& to) {
+  if (to.limits.upper > from.limits.upper) {
+    return tell("the upper limit of " + from.name, 1e-3 * from.limits.upper, 1e-3 * to.limits.upper,
+                "kPa");
+  }
+  // Farther below the atmosphere; or higher, to where the channel then rises without a target.
+  if (to.limits.lower < std::min(0.0, from.limits.lower) ||
+      to.limits.lower > std::max(0.0, from.limits.lower)) {
+    return tell("the lower limit of " + from.name, 1e-3 * from.limits.lower, 1e-3 * to.limits.lower,
+                "kPa");
+  }
+  if (to.slew > from.slew) {
+    return tell("safety.slew_kpa_s", 1e-3 * from.slew, 1e-3 * to.slew, "kPa/s");
+  }
+  // A channel that vents is the safest, one that is closed the least safe.
+  if (to.action > from.action) {
+    return "safety.fault_action of " + from.name + " would go from " + nameOf(from.action) +
+           " to " + nameOf(to.action);
+  }
+  return {};
+}
+
+using basics::format;
+
+constexpr double kJustOver = 1.01;  // of a limit: the excess of a single turn tells nothing
+
+std::string readingAge(const char* who, double silence) {
+  if (std::isinf(silence)) return format("%s has not been read yet", who);
+  return format("%s was not read for %.2f s", who, silence);
+}
+
+std::string tooOld(const char* who, double silence, double limit) {
+  std::string age = readingAge(who, silence);
+  if (std::isinf(silence)) return age;
+  return age + format(", longer than %g s (safety.reading_timeout_s)", limit);
+}
+
+const char* remedyOf(SafetyCause cause, bool stopped) {
+  if (cause == SafetyCause::kEmergencyStop && stopped) {
+    return "make the arm safe, release the stop, then call enable";
+  }
+  return rowOf(cause).remedy;
 }
 
 }  // namespace
@@ -384,38 +431,6 @@ bool SafetyCore::allVentAndEmpty() const {
   return true;
 }
 
-namespace {
-
-std::string tell(const std::string& what, double from, double to, const char* unit) {
-  std::ostringstream text;
-  text << what << " would go from " << from << " to " << to << " " << unit;
-  return text.str();
-}
-
-std::string loosened(const ChannelRules& from, const ChannelRules& to) {
-  if (to.limits.upper > from.limits.upper) {
-    return tell("the upper limit of " + from.name, 1e-3 * from.limits.upper, 1e-3 * to.limits.upper,
-                "kPa");
-  }
-  // Farther below the atmosphere; or higher, to where the channel then rises without a target.
-  if (to.limits.lower < std::min(0.0, from.limits.lower) ||
-      to.limits.lower > std::max(0.0, from.limits.lower)) {
-    return tell("the lower limit of " + from.name, 1e-3 * from.limits.lower, 1e-3 * to.limits.lower,
-                "kPa");
-  }
-  if (to.slew > from.slew) {
-    return tell("safety.slew_kpa_s", 1e-3 * from.slew, 1e-3 * to.slew, "kPa/s");
-  }
-  // A channel that vents is the safest, one that is closed the least safe.
-  if (to.action > from.action) {
-    return "safety.fault_action of " + from.name + " would go from " + nameOf(from.action) +
-           " to " + nameOf(to.action);
-  }
-  return {};
-}
-
-}  // namespace
-
 std::string loosened(const std::vector<ChannelRules>& channels, const SafetyRules& rules,
                      const std::vector<ChannelRules>& next_channels, const SafetyRules& next) {
   for (std::size_t i = 0; i < channels.size(); ++i) {
@@ -459,32 +474,6 @@ std::string loosened(const std::vector<ChannelRules>& channels, const SafetyRule
 }
 
 // Texts of the safety core: culprit, value, rule and remedy.
-
-namespace {
-
-using basics::format;
-
-constexpr double kJustOver = 1.01;  // of a limit: the excess of a single turn tells nothing
-
-std::string readingAge(const char* who, double silence) {
-  if (std::isinf(silence)) return format("%s has not been read yet", who);
-  return format("%s was not read for %.2f s", who, silence);
-}
-
-std::string tooOld(const char* who, double silence, double limit) {
-  std::string age = readingAge(who, silence);
-  if (std::isinf(silence)) return age;
-  return age + format(", longer than %g s (safety.reading_timeout_s)", limit);
-}
-
-const char* remedyOf(SafetyCause cause, bool stopped) {
-  if (cause == SafetyCause::kEmergencyStop && stopped) {
-    return "make the arm safe, release the stop, then call enable";
-  }
-  return rowOf(cause).remedy;
-}
-
-}  // namespace
 
 std::string SafetyCore::channelRefusal(int i, double now) const {
   const char* const name = channels_[i].name.c_str();
@@ -571,9 +560,8 @@ std::string SafetyCore::causeText() const {
       return "the regulator's link went down, or orders did not reach it in time";
     case SafetyCause::kOverLimit:
       return format(
-          "%s reads %.1f kPa, %s than %g kPa (its limit and safety.trip_margin_kpa) for "
-          "%g s",
-          name, 1e-3 * value, value > limit ? "more" : "less", 1e-3 * limit, spike);
+          "%s reads %.1f kPa, %s than %g kPa (its limit and safety.trip_margin_kpa) for %g s", name,
+          1e-3 * value, value > limit ? "more" : "less", 1e-3 * limit, spike);
     case SafetyCause::kLowSupply:
       return format("the supply reads %.1f kPa, less than %g kPa (safety.min_supply_kpa) for %g s",
                     1e-3 * value, 1e-3 * limit, spike);

@@ -94,72 +94,6 @@ Eigen::Matrix3Xd splineVelocities(const std::vector<TipWayPoint>& points) {
   return v;
 }
 
-}  // namespace
-
-TipPath::TipPath(const std::vector<TipWayPoint>& points) {
-  require(points.size() >= kFewestWayPoints && points.size() <= kMostWayPoints, "tip path: has ",
-          points.size(), " points; expected ", kFewestWayPoints, " to ", kMostWayPoints,
-          ": send a single position as a target, and a longer path in parts");
-  for (std::size_t i = 0; i < points.size(); ++i) checkPoint(points, i);
-  has_rotations_ = points.front().rotation.has_value();
-  Eigen::Matrix3Xd spline;
-  if (!points.front().velocity) spline = splineVelocities(points);
-  knots_.reserve(points.size());
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    const TipWayPoint& point = points[i];
-    Knot knot{point.time, point.position, {}, {}, Eigen::Vector3d::Zero()};
-    knot.velocity = point.velocity ? *point.velocity : spline.col(static_cast<Eigen::Index>(i));
-    if (has_rotations_) knot.R_BT.quaternion = Eigen::Quaterniond(*point.rotation).normalized();
-    knots_.push_back(knot);
-  }
-  for (std::size_t i = 1; i < knots_.size(); ++i) {
-    Eigen::Vector3d& turn = knots_[i - 1].turn;
-    turn = (knots_[i - 1].R_BT.inverse() * knots_[i].R_BT).log();
-    require(turn.norm() <= kLargestTurn, kPoint, i + 1, " is turned by ", turn.norm(),
-            " rad from point ", i, "; expected at most ", kLargestTurn,
-            " rad, less than a half turn: add a point between them");
-  }
-}
-
-TipReference TipPath::atRest(const Knot& knot) const noexcept {
-  TipReference reference;
-  reference.position = knot.position;
-  if (has_rotations_) reference.rotation = knot.R_BT.quaternion.toRotationMatrix();
-  return reference;
-}
-
-TipReference TipPath::at(double time) const noexcept {
-  if (!(time >= firstTime())) return atRest(knots_.front());
-  if (time > lastTime()) return atRest(knots_.back());
-  const auto next =
-      std::upper_bound(knots_.begin() + 1, knots_.end() - 1, time,
-                       [](double wanted, const Knot& knot) { return wanted < knot.time; });
-  const Knot &a = *(next - 1), &b = *next;
-  const double h = b.time - a.time, u = (time - a.time) / h;
-  const Eigen::Vector3d change = b.position - a.position;
-  const Eigen::Vector3d quadratic = 3.0 * change - h * (2.0 * a.velocity + b.velocity);
-  const Eigen::Vector3d cubic = h * (a.velocity + b.velocity) - 2.0 * change;
-  TipReference reference;
-  reference.position = a.position + u * (h * a.velocity + u * (quadratic + u * cubic));
-  reference.velocity = a.velocity + u / h * (2.0 * quadratic + 3.0 * u * cubic);
-  if (has_rotations_) {
-    const lie::SO3 R_BT = (a.R_BT * lie::SO3::exp(u * a.turn)).normalized();
-    reference.rotation = R_BT.quaternion.toRotationMatrix();
-    reference.angular_velocity = a.R_BT.quaternion * a.turn / h;
-  }
-  return reference;
-}
-
-TipSegment TipPath::segment(std::size_t i) const {
-  const Knot &a = knots_[i], &b = knots_[i + 1];
-  const double h = b.time - a.time;
-  const Eigen::Vector3d middle = 3.0 / h * (b.position - a.position) - a.velocity - b.velocity;
-  return {a.time, b.time, std::max({a.velocity.norm(), middle.norm(), b.velocity.norm()}),
-          a.turn.norm() / h};
-}
-
-namespace {
-
 static_assert(kPointsPerTurn % 4 == 0);
 
 // Length of Bernoulli's lemniscate of radius 1: twice the lemniscate constant.
@@ -238,7 +172,76 @@ void check(const ShapedPath& path) {
                        "at least 4e-4 s, and at most 1e6 s for all turns");
 }
 
+constexpr double kPeakRate = 15.0 / 8.0;  // 30 s^2 - 60 s^3 + 30 s^4 at s = 1/2
+
+lie::SO3 rotationOf(const lie::SE3& X_BT, const char* whose) {
+  requireRotation(X_BT.rotation, "tip approach: ", whose);
+  return {Eigen::Quaterniond(X_BT.rotation).normalized()};
+}
+
 }  // namespace
+
+TipPath::TipPath(const std::vector<TipWayPoint>& points) {
+  require(points.size() >= kFewestWayPoints && points.size() <= kMostWayPoints, "tip path: has ",
+          points.size(), " points; expected ", kFewestWayPoints, " to ", kMostWayPoints,
+          ": send a single position as a target, and a longer path in parts");
+  for (std::size_t i = 0; i < points.size(); ++i) checkPoint(points, i);
+  has_rotations_ = points.front().rotation.has_value();
+  Eigen::Matrix3Xd spline;
+  if (!points.front().velocity) spline = splineVelocities(points);
+  knots_.reserve(points.size());
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const TipWayPoint& point = points[i];
+    Knot knot{point.time, point.position, {}, {}, Eigen::Vector3d::Zero()};
+    knot.velocity = point.velocity ? *point.velocity : spline.col(static_cast<Eigen::Index>(i));
+    if (has_rotations_) knot.R_BT.quaternion = Eigen::Quaterniond(*point.rotation).normalized();
+    knots_.push_back(knot);
+  }
+  for (std::size_t i = 1; i < knots_.size(); ++i) {
+    Eigen::Vector3d& turn = knots_[i - 1].turn;
+    turn = (knots_[i - 1].R_BT.inverse() * knots_[i].R_BT).log();
+    require(turn.norm() <= kLargestTurn, kPoint, i + 1, " is turned by ", turn.norm(),
+            " rad from point ", i, "; expected at most ", kLargestTurn,
+            " rad, less than a half turn: add a point between them");
+  }
+}
+
+TipReference TipPath::atRest(const Knot& knot) const noexcept {
+  TipReference reference;
+  reference.position = knot.position;
+  if (has_rotations_) reference.rotation = knot.R_BT.quaternion.toRotationMatrix();
+  return reference;
+}
+
+TipReference TipPath::at(double time) const noexcept {
+  if (!(time >= firstTime())) return atRest(knots_.front());
+  if (time > lastTime()) return atRest(knots_.back());
+  const auto next =
+      std::upper_bound(knots_.begin() + 1, knots_.end() - 1, time,
+                       [](double wanted, const Knot& knot) { return wanted < knot.time; });
+  const Knot &a = *(next - 1), &b = *next;
+  const double h = b.time - a.time, u = (time - a.time) / h;
+  const Eigen::Vector3d change = b.position - a.position;
+  const Eigen::Vector3d quadratic = 3.0 * change - h * (2.0 * a.velocity + b.velocity);
+  const Eigen::Vector3d cubic = h * (a.velocity + b.velocity) - 2.0 * change;
+  TipReference reference;
+  reference.position = a.position + u * (h * a.velocity + u * (quadratic + u * cubic));
+  reference.velocity = a.velocity + u / h * (2.0 * quadratic + 3.0 * u * cubic);
+  if (has_rotations_) {
+    const lie::SO3 R_BT = (a.R_BT * lie::SO3::exp(u * a.turn)).normalized();
+    reference.rotation = R_BT.quaternion.toRotationMatrix();
+    reference.angular_velocity = a.R_BT.quaternion * a.turn / h;
+  }
+  return reference;
+}
+
+TipSegment TipPath::segment(std::size_t i) const {
+  const Knot &a = knots_[i], &b = knots_[i + 1];
+  const double h = b.time - a.time;
+  const Eigen::Vector3d middle = 3.0 / h * (b.position - a.position) - a.velocity - b.velocity;
+  return {a.time, b.time, std::max({a.velocity.norm(), middle.norm(), b.velocity.norm()}),
+          a.turn.norm() / h};
+}
 
 const char* nameOf(TipShape shape) {
   if (shape == TipShape::kCircle) return "circle";
@@ -265,17 +268,6 @@ std::vector<TipWayPoint> wayPointsOf(const ShapedPath& path) {
   }
   return points;
 }
-
-namespace {
-
-constexpr double kPeakRate = 15.0 / 8.0;  // 30 s^2 - 60 s^3 + 30 s^4 at s = 1/2
-
-lie::SO3 rotationOf(const lie::SE3& X_BT, const char* whose) {
-  requireRotation(X_BT.rotation, "tip approach: ", whose);
-  return {Eigen::Quaterniond(X_BT.rotation).normalized()};
-}
-
-}  // namespace
 
 TipApproach::TipApproach(const Eigen::Vector3d& from, const Eigen::Vector3d& to, double most_speed)
     : from_(from), to_(to) {

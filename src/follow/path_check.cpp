@@ -88,12 +88,17 @@ void validate(const PathRules& rules, const model::Arm& arm) {
   }
 }
 
-std::string placeText(double time, const Eigen::Vector3d& position) {
+// Its numbers have so many digits.
+template <class... Parts>
+std::string textOf(int digits, const Parts&... parts) {
   std::ostringstream out;
-  out.precision(4);
-  out << time << " s, at (" << position.x() << ", " << position.y() << ", " << position.z()
-      << ") m";
+  out.precision(digits);
+  (out << ... << parts);
   return out.str();
+}
+
+std::string placeText(double time, const Eigen::Vector3d& position) {
+  return textOf(4, time, " s, at (", position.x(), ", ", position.y(), ", ", position.z(), ") m");
 }
 
 std::optional<PathRefusal> tooLong(const control::TipPath& path) {
@@ -101,13 +106,11 @@ std::optional<PathRefusal> tooLong(const control::TipPath& path) {
   for (std::size_t i = 0; i < path.segmentCount(); ++i) places += placesOf(path.segment(i));
   if (places <= kMostCheckPlaces) return std::nullopt;
   PathRefusal out{PathFault::kTooLong, path.lastTime(), path.at(path.lastTime()).position};
-  std::ostringstream text;
-  text.precision(10);
-  text << "the path takes " << path.lastTime() - path.firstTime() << " s and has " << places
-       << " places to check, one for each point and at least one every " << 1e3 * kCheckStep
-       << " ms and every " << 1e3 * kCheckSpacing << " mm; expected at most " << kMostCheckPlaces
-       << ", as in " << kCheckStep * kMostCheckPlaces << " s; send it in parts";
-  out.reason = text.str();
+  out.reason =
+      textOf(10, "the path takes ", path.lastTime() - path.firstTime(), " s and has ", places,
+             " places to check, one for each point and at least one every ", 1e3 * kCheckStep,
+             " ms and every ", 1e3 * kCheckSpacing, " mm; expected at most ", kMostCheckPlaces,
+             ", as in ", kCheckStep * kMostCheckPlaces, " s; send it in parts");
   return out;
 }
 
@@ -123,17 +126,13 @@ PathRefusal unreachable(const control::TipPath& path, Walk& walk, double since, 
     out.position = path.at(time).position;
     out.residual = there;
   }
-  std::ostringstream text;
-  text.precision(3);
-  text << "the path leaves the arm's reach after " << since << " s; farthest after "
-       << placeText(out.time, out.position) << ": ";
-  if (!std::isfinite(out.residual)) {
-    text << "no shape of the arm balances its load there; move the path or lower the load";
-  } else {
-    text << 1e3 * out.residual << " mm from the closest reachable position, and "
-         << 1e3 * rules.tolerance << " mm are allowed; move the path or make it smaller";
-  }
-  out.reason = text.str();
+  out.reason = textOf(3, "the path leaves the arm's reach after ", since, " s; farthest after ",
+                      placeText(out.time, out.position), ": ");
+  out.reason +=
+      std::isfinite(out.residual)
+          ? textOf(3, 1e3 * out.residual, " mm from the closest reachable position, and ",
+                   1e3 * rules.tolerance, " mm are allowed; move the path or make it smaller")
+          : "no shape of the arm balances its load there; move the path or lower the load";
   return out;
 }
 
@@ -164,20 +163,18 @@ PathRefusal tooFast(const control::TipPath& path, const model::Arm& arm,
   out.actuator = step.actuator;
   out.rate = step.excess * kSlewShare * rules.slew[step.actuator];
   const std::string& name = arm.actuator(step.actuator).name;
-  std::ostringstream text;
-  text.precision(3);
+  const std::string place = placeText(time, out.position);
   if (jumps) {
-    text << "the pressure of " << name << " has to jump by " << std::abs(step.change) / 1e3
-         << " kPa after " << placeText(time, out.position)
-         << ", where the arm snaps from one shape to another; move the path";
+    out.reason = textOf(3, "the pressure of ", name, " has to jump by ",
+                        std::abs(step.change) / 1e3, " kPa after ", place,
+                        ", where the arm snaps from one shape to another; move the path");
   } else {
     out.stretch = step.excess;
-    text << "the path is too fast after " << placeText(time, out.position) << ": " << name
-         << " has to change by " << out.rate / 1e3 << " kPa/s, and " << 100 * kSlewShare
-         << " % of its slew rate are " << kSlewShare * rules.slew[step.actuator] / 1e3
-         << " kPa/s; multiply all times by " << std::ceil(100 * step.excess) / 100;
+    out.reason = textOf(3, "the path is too fast after ", place, ": ", name, " has to change by ",
+                        out.rate / 1e3, " kPa/s, and ", 100 * kSlewShare,
+                        " % of its slew rate are ", kSlewShare * rules.slew[step.actuator] / 1e3,
+                        " kPa/s; multiply all times by ", std::ceil(100 * step.excess) / 100);
   }
-  out.reason = text.str();
   return out;
 }
 

@@ -42,16 +42,11 @@ constexpr double kAhead = 0.1;          // of the velocities between which a pat
 
 constexpr int kMostTurns = 2048;  // history of the wanted tip
 
-const VisualServoConfig& checked(const VisualServoConfig& config) {
-  config.validate();
-  return config;
-}
-
 }  // namespace
 
 struct VisualServo::Workspace {
   Workspace(const statics::ArmModel& given, const VisualServoConfig& given_config)
-      : config(checked(given_config)),
+      : config((given_config.validate(), given_config)),
         arm(given.arm()),
         tracker(given, config.filter),
         watch(given, config.watchFilter()),
@@ -458,8 +453,7 @@ void VisualServo::enable(bool enabled) {
   Workspace& w = *work_;
   if (w.enabled && !enabled) {
     release();
-    // What held the arm then says nothing of the arm that is vented. The watch, which knew the arm
-    // under that load, begins anew.
+    // What held the arm says nothing of it once vented: the watch, which knew it, begins anew.
     if (w.contact.load().contact) w.forgetContact();
   }
   w.enabled = enabled;

@@ -1,6 +1,7 @@
 #include "helix_arm/localization/camera.hpp"
 
 #include <Eigen/LU>
+#include <algorithm>
 #include <cmath>
 #include <string>
 
@@ -64,10 +65,7 @@ void Camera::validate() const {
 }
 
 bool Camera::distorts() const {
-  for (const double k : distortion) {
-    if (k != 0) return true;
-  }
-  return false;
+  return std::any_of(distortion.begin(), distortion.end(), [](double k) { return k != 0; });
 }
 
 std::optional<Eigen::Vector2d> Camera::project(const Eigen::Vector3d& p_C) const {

@@ -113,8 +113,7 @@ void RigMemory::reset() { *this = RigMemory(options_, by_placements_); }
 std::string BaseMove::message() const {
   return basics::format(
       "the camera or the arm's base %s %.0f mm and %.1f deg%s (%.0f standard deviations): fix "
-      "both, "
-      "then place the camera anew with helix_arm camera place",
+      "both, then place the camera anew with helix_arm camera place",
       since_before ? "has moved by" : "is", 1e3 * xi.head<3>().norm(),
       xi.tail<3>().norm() * 180 / basics::kPi, since_before ? "" : " from where the scene says",
       deviations);

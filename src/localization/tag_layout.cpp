@@ -2,10 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <stdexcept>
 #include <string>
 #include <tuple>
 
+#include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/model/curve.hpp"
 
 namespace helix_arm::estimation {
@@ -32,29 +32,22 @@ Corners TagLayout::corners(double bleed) const {
 }
 
 void TagLayout::validate(int sections) const {
-  const auto refuse = [](const std::string& message) { throw std::invalid_argument(message); };
-  if (!(std::isfinite(size) && size > 0)) {
-    refuse("the size of the tags is " + std::to_string(size) + " m; expected a value > 0");
-  }
-  if (tags.size() > static_cast<std::size_t>(kMaxTags)) {
-    refuse(std::to_string(tags.size()) + " tags; expected at most " + std::to_string(kMaxTags));
-  }
+  basics::require(std::isfinite(size) && size > 0, "the size of the tags is ", std::to_string(size),
+                  " m; expected a value > 0");
+  basics::require(tags.size() <= static_cast<std::size_t>(kMaxTags), tags.size(),
+                  " tags; expected at most ", kMaxTags);
   for (std::size_t i = 0; i < tags.size(); ++i) {
     const TagPlacement& tag = tags[i];
-    const std::string name = "tag " + std::to_string(tag.id);
-    if (tag.id < 0) refuse(name + ": expected an id >= 0");
-    if (find(tag.id) != static_cast<int>(i))
-      refuse(name + " is placed twice; expected distinct ids");
-    if (tag.section < 0 || tag.section >= sections) {
-      refuse(name + " is on section " + std::to_string(tag.section) + "; expected 0 to " +
-             std::to_string(sections - 1));
-    }
-    if (!(tag.s >= 0 && tag.s <= 1)) {
-      refuse(name + " is at s = " + std::to_string(tag.s) + "; expected 0 to 1");
-    }
-    if (!tag.X_ST.rotation.allFinite() || !tag.X_ST.translation.allFinite()) {
-      refuse(name + " has a pose that is not finite");
-    }
+    const auto require = [&tag](bool holds, const auto&... fault) {
+      basics::require(holds, "tag ", tag.id, fault...);
+    };
+    require(tag.id >= 0, ": expected an id >= 0");
+    require(find(tag.id) == static_cast<int>(i), " is placed twice; expected distinct ids");
+    require(tag.section >= 0 && tag.section < sections, " is on section ", tag.section,
+            "; expected 0 to ", sections - 1);
+    require(tag.s >= 0 && tag.s <= 1, " is at s = ", std::to_string(tag.s), "; expected 0 to 1");
+    require(tag.X_ST.rotation.allFinite() && tag.X_ST.translation.allFinite(),
+            " has a pose that is not finite");
   }
 }
 

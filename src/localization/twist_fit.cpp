@@ -9,7 +9,6 @@
 #include <cstddef>
 #include <cstdint>
 #include <optional>
-#include <stdexcept>
 #include <utility>
 #include <vector>
 
@@ -20,9 +19,6 @@
 namespace helix_arm::estimation {
 namespace {
 
-// Outliers and noise from the residuals of a twist fit. `squares` are the squared residuals of the
-// fit's tags, in expected variances.
-
 // If the median error exceeds the expected error by more than this factor, the expected error is
 // raised in proportion, up to a limit: larger errors are outliers, however many there are.
 constexpr double kNoisy = 1.5;
@@ -32,7 +28,8 @@ constexpr double kLeastFreedom = 4.0;
 // Lower bound of the estimated variance, relative to the expected one.
 constexpr double kLeastVariance = 0.01;
 
-// Marks tags whose squares exceed a limit as outliers, and sets the RMS of the others.
+// Marks tags whose squares exceed a limit as outliers, and sets the RMS of the others. The squares
+// are of the tags' residuals, in expected variances.
 // @return the number of the others.
 int markOutliers(const std::vector<double>& squares, double limit, TwistFit& fit) {
   double square = 0;
@@ -219,11 +216,7 @@ void reportRig(const TwistEquations& equations, const FitPoint& at, const Matrix
   RigEstimate::Matrix fitted = RigEstimate::Matrix::Zero();
   const int first = base ? 0 : 6, count = (base ? 6 : 0) + (bleed ? 1 : 0);
   if (count == 0) return;
-  for (int i = 0; i < count; ++i) {
-    for (int k = 0; k < count; ++k) {
-      fitted(first + i, first + k) = covariance(twists + i, twists + k);
-    }
-  }
+  fitted.block(first, first, count, count) = covariance.block(twists, twists, count, count);
   const RigEstimate::Matrix moved = by_step * fitted * by_step.transpose();
   if (base) result.rig.mean.head<6>() = at.base_offset;
   if (bleed) result.rig.mean[6] = at.bleed;
@@ -529,11 +522,10 @@ const TwistFitOptions& TwistFitter::options() const { return work_->options(); }
 
 void TwistFitter::know(const RigEstimate& rig) {
   const bool finite = rig.mean.allFinite() && rig.covariance.allFinite();
-  if (!finite || Eigen::LLT<RigEstimate::Matrix>(rig.covariance).info() != Eigen::Success) {
-    throw std::invalid_argument(
-        "twist fit: what is known of base and bleed is no estimate; expected finite numbers and a "
-        "covariance that is positive definite");
-  }
+  basics::require(
+      finite && Eigen::LLT<RigEstimate::Matrix>(rig.covariance).info() == Eigen::Success, kCulprit,
+      ": what is known of base and bleed is no estimate; expected finite numbers and a covariance "
+      "that is positive definite");
   work_->equations.know(rig);
 }
 

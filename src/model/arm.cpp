@@ -61,6 +61,20 @@ std::shared_ptr<const LinksOf<Group>> linksOf(const std::vector<SectionOf<Group>
   return std::make_shared<const LinksOf<Group>>(std::move(links));
 }
 
+// Of the choice of the Magnus steps.
+constexpr int kStepSamples = 64;
+constexpr double kTipError = 1e-5;    // of the arm's length
+constexpr double kCurveError = 2e-4;  // the same, of points within a piece
+
+// How far a piece of constant twist is from the curve between its ends, about: v changes by `slope`
+// over it, and so does the curvature.
+template <class Tangent>
+double errorWithin(const MagnusTerms<Tangent>& g) {
+  constexpr int kSpace = Tangent::RowsAtCompileTime == 6 ? 3 : 2;
+  return g.slope.template head<kSpace>().norm() / 8 +
+         bracket(g.value, g.slope).template head<kSpace>().norm() / 125;
+}
+
 }  // namespace
 
 template <>
@@ -493,24 +507,6 @@ Twists embed(const PlanarTwists& twists) {
 }
 
 // Tapered sections of ArmOf.
-
-namespace {
-
-// Of the choice of the Magnus steps.
-constexpr int kStepSamples = 64;
-constexpr double kTipError = 1e-5;    // of the arm's length
-constexpr double kCurveError = 2e-4;  // the same, of points within a piece
-
-// How far a piece of constant twist is from the curve between its ends, about: v changes by `slope`
-// over it, and so does the curvature.
-template <class Tangent>
-double errorWithin(const MagnusTerms<Tangent>& g) {
-  constexpr int kSpace = Tangent::RowsAtCompileTime == 6 ? 3 : 2;
-  return g.slope.template head<kSpace>().norm() / 8 +
-         bracket(g.value, g.slope).template head<kSpace>().norm() / 125;
-}
-
-}  // namespace
 
 template <class Group>
 void ArmOf<Group>::setSteps(int steps) {

@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <sstream>
 #include <stdexcept>
 
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/basics/text.hpp"
 
 namespace helix_arm::model {
 namespace {
@@ -14,10 +14,8 @@ namespace {
 using Polynomial = std::vector<double>;  // ascending powers
 
 [[noreturn]] void refuse(const std::string& what, double value, const std::string& rule) {
-  std::ostringstream message;
-  message.precision(10);
-  message << what << " is " << value << "; expected " << rule;
-  throw std::invalid_argument(message.str());
+  throw std::invalid_argument(what + " is " + basics::format("%.10g", value) + "; expected " +
+                              rule);
 }
 
 void requirePositive(const std::string& what, double value) {

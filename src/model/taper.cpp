@@ -68,58 +68,6 @@ StrandRows sortedRows(const std::vector<Strand<Group>>& strands,
   return out;
 }
 
-}  // namespace
-
-template <class Group>
-Equilibrium<Group> solveEquilibrium(const std::vector<Strand<Group>>& strands) {
-  constexpr int dof = Group::kDof;
-  checkStrands(strands);
-  const int n = static_cast<int>(strands.size());
-
-  // Unknowns S g: with angles scaled to arc lengths, all are lengths, and bending is no noise.
-  typename Group::Tangent S_inverse = Group::Tangent::Ones();
-  S_inverse.template tail<Group::kRotations>().setConstant(1.0 / characteristicLength(strands));
-
-  const auto [sorted, rest_length] = sortedRows(strands, S_inverse);
-
-  const Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(sorted);
-  const int rank = static_cast<int>(qr.rank());
-  const Eigen::MatrixXd R = qr.matrixR().topRows(dof).template triangularView<Eigen::Upper>();
-  const auto R11 = R.topLeftCorner(rank, rank).template triangularView<Eigen::Upper>();
-  Eigen::MatrixXd permuted = Eigen::MatrixXd::Zero(dof, n);
-  permuted.topRows(rank) = R11.solve((qr.householderQ().adjoint() * rest_length).topRows(rank));
-
-  Equilibrium<Group> result;
-  result.rank = rank;
-  result.map = S_inverse.asDiagonal() * (qr.colsPermutation() * permuted);
-  Eigen::MatrixXd R11_inverse = Eigen::MatrixXd::Zero(dof, rank);
-  R11_inverse.topRows(rank) = R11.solve(Eigen::MatrixXd::Identity(rank, rank));
-  const Eigen::MatrixXd factor = S_inverse.asDiagonal() * (qr.colsPermutation() * R11_inverse);
-  result.compliance = factor * factor.transpose();
-  const Eigen::VectorXd sigma = Eigen::JacobiSVD<Eigen::MatrixXd>(R.topRows(rank)).singularValues();
-  result.condition = std::pow(sigma[0] / sigma[rank - 1], 2);
-  result.null_space.resize(dof, dof - rank);
-  if (rank < dof) {
-    Eigen::MatrixXd basis(dof, dof - rank);
-    basis << -R11.solve(R.topRightCorner(rank, dof - rank)),
-        Eigen::MatrixXd::Identity(dof - rank, dof - rank);
-    basis = S_inverse.asDiagonal() * (qr.colsPermutation() * basis);
-    const Eigen::HouseholderQR<Eigen::MatrixXd> orthonormal(basis);
-    result.null_space = orthonormal.householderQ() * Eigen::MatrixXd::Identity(dof, dof - rank);
-    // Least norm in the units of g, as the pseudo-inverse of eq. 17 means it.
-    const typename Group::Matrix range =
-        Group::Matrix::Identity() - result.null_space * result.null_space.transpose();
-    result.map = (range * result.map).eval();
-    result.compliance = (range * result.compliance * range).eval();
-  }
-  return result;
-}
-
-template Equilibrium<lie::SE2> solveEquilibrium(const std::vector<Strand<lie::SE2>>& strands);
-template Equilibrium<lie::SE3> solveEquilibrium(const std::vector<Strand<lie::SE3>>& strands);
-
-namespace {
-
 constexpr int kLeastModes = 6, kMostModes = 24;
 constexpr double kFitError = 1e-9;  // of the maps and compliances, relative to their largest entry
 
@@ -214,6 +162,54 @@ int cellsOf(const std::vector<ActuatorOf<Group>>& actuators) {
 }
 
 }  // namespace
+
+template <class Group>
+Equilibrium<Group> solveEquilibrium(const std::vector<Strand<Group>>& strands) {
+  constexpr int dof = Group::kDof;
+  checkStrands(strands);
+  const int n = static_cast<int>(strands.size());
+
+  // Unknowns S g: with angles scaled to arc lengths, all are lengths, and bending is no noise.
+  typename Group::Tangent S_inverse = Group::Tangent::Ones();
+  S_inverse.template tail<Group::kRotations>().setConstant(1.0 / characteristicLength(strands));
+
+  const auto [sorted, rest_length] = sortedRows(strands, S_inverse);
+
+  const Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(sorted);
+  const int rank = static_cast<int>(qr.rank());
+  const Eigen::MatrixXd R = qr.matrixR().topRows(dof).template triangularView<Eigen::Upper>();
+  const auto R11 = R.topLeftCorner(rank, rank).template triangularView<Eigen::Upper>();
+  Eigen::MatrixXd permuted = Eigen::MatrixXd::Zero(dof, n);
+  permuted.topRows(rank) = R11.solve((qr.householderQ().adjoint() * rest_length).topRows(rank));
+
+  Equilibrium<Group> result;
+  result.rank = rank;
+  result.map = S_inverse.asDiagonal() * (qr.colsPermutation() * permuted);
+  Eigen::MatrixXd R11_inverse = Eigen::MatrixXd::Zero(dof, rank);
+  R11_inverse.topRows(rank) = R11.solve(Eigen::MatrixXd::Identity(rank, rank));
+  const Eigen::MatrixXd factor = S_inverse.asDiagonal() * (qr.colsPermutation() * R11_inverse);
+  result.compliance = factor * factor.transpose();
+  const Eigen::VectorXd sigma = Eigen::JacobiSVD<Eigen::MatrixXd>(R.topRows(rank)).singularValues();
+  result.condition = std::pow(sigma[0] / sigma[rank - 1], 2);
+  result.null_space.resize(dof, dof - rank);
+  if (rank < dof) {
+    Eigen::MatrixXd basis(dof, dof - rank);
+    basis << -R11.solve(R.topRightCorner(rank, dof - rank)),
+        Eigen::MatrixXd::Identity(dof - rank, dof - rank);
+    basis = S_inverse.asDiagonal() * (qr.colsPermutation() * basis);
+    const Eigen::HouseholderQR<Eigen::MatrixXd> orthonormal(basis);
+    result.null_space = orthonormal.householderQ() * Eigen::MatrixXd::Identity(dof, dof - rank);
+    // Least norm in the units of g, as the pseudo-inverse of eq. 17 means it.
+    const typename Group::Matrix range =
+        Group::Matrix::Identity() - result.null_space * result.null_space.transpose();
+    result.map = (range * result.map).eval();
+    result.compliance = (range * result.compliance * range).eval();
+  }
+  return result;
+}
+
+template Equilibrium<lie::SE2> solveEquilibrium(const std::vector<Strand<lie::SE2>>& strands);
+template Equilibrium<lie::SE3> solveEquilibrium(const std::vector<Strand<lie::SE3>>& strands);
 
 template <class Group>
 Group poseAlong(const ActuatorOf<Group>& actuator, double s) {

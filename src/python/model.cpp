@@ -200,8 +200,6 @@ py::tuple workspace(const Scene& scene, std::size_t count, std::uint64_t seed, b
                         py::make_tuple(arrayOf(inputs), arrayOf(tips), arrayOf(bounds)));
 }
 
-using statics::InverseResult;
-
 constexpr Piece kInversePiece{256, 16};
 constexpr double kNormTolerance = 1e-3;  // more than the rounding of a few digits
 
@@ -222,7 +220,7 @@ struct Found {
         status(rows, {}),
         iterations(rows, {}) {}
 
-  void set(std::size_t row, const InverseResult& result) const {
+  void set(std::size_t row, const statics::InverseResult& result) const {
     Eigen::VectorXd::Map(inputs.at(row), inputs.size()) = result.input;
     std::transform(result.limits.begin(), result.limits.end(), limits.at(row),
                    [](statics::Limit limit) -> std::int8_t {

@@ -13,13 +13,9 @@
 namespace helix_arm::regulator {
 namespace {
 
+constexpr const char* kCulprit = "ascii serial regulator";
 // Margin for the watchdog of a device, whose clock and line may differ from ours.
 constexpr double kWatchdogShare = 0.8;
-
-const SerialProfile& valid(const SerialProfile& profile) {
-  profile.validate();
-  return profile;
-}
 
 double after(double seconds) { return steadyNow() + seconds; }
 
@@ -37,8 +33,8 @@ std::string receivedLine(const SerialProfile& profile, const std::string& line) 
   std::optional<std::string> inner = withoutChecksum(line);
   if (inner) return std::move(*inner);
   throw BadReply("\"" + basics::quoted(line) +
-                 "\", whose checksum is missing or wrong; check its cable, "
-                 "and that the device sends one as checksum of the profile " +
+                 "\", whose checksum is missing or wrong; check its "
+                 "cable, and that the device sends one as checksum of the profile " +
                  profile.name + " says");
 }
 
@@ -59,11 +55,10 @@ void forEach(Items begin, Items end, const Call& call) {
 class AsciiSerialDriver : public Driver {
  public:
   AsciiSerialDriver(const SerialConfig& config, int channels)
-      : profile_(valid(config.profile)),
+      : profile_((config.profile.validate(), config.profile)),
         lines_(profile_),
         device_(config.device),
         count_(channels) {
-    constexpr const char* kCulprit = "ascii serial regulator";
     basics::requireValue(channels >= 1, kCulprit, "the number of channels", channels, "at least 1");
     basics::require(!device_.empty(), kCulprit,
                     ": device is empty; expected one such as /dev/ttyUSB0");
@@ -110,11 +105,10 @@ class AsciiSerialDriver : public Driver {
 
   void write(const control::ValveOrders& orders) override {
     const auto size = static_cast<std::size_t>(count_);
-    basics::requireValue(orders.valve.size() == size && orders.set_point.size() == count_,
-                         "ascii serial regulator", "the number of orders", orders.valve.size(),
-                         "one per channel");
-    basics::require(orders.set_point.allFinite(),
-                    "ascii serial regulator: a set point is not finite; expected pascals");
+    basics::requireValue(orders.valve.size() == size && orders.set_point.size() == count_, kCulprit,
+                         "the number of orders", orders.valve.size(), "one per channel");
+    basics::require(orders.set_point.allFinite(), kCulprit,
+                    ": a set point is not finite; expected pascals");
     if (!profile_.one_by_one) return writeTogether(orders);
     forEach(channels_.begin(), channels_.end(), [&](Channel& channel) {
       const auto i = &channel - channels_.data();
@@ -123,8 +117,8 @@ class AsciiSerialDriver : public Driver {
   }
 
   void read(Pressures& pressures) override {
-    basics::requireValue(pressures.pressure.size() == count_, "ascii serial regulator",
-                         "the number of readings", pressures.pressure.size(), "one per channel");
+    basics::requireValue(pressures.pressure.size() == count_, kCulprit, "the number of readings",
+                         pressures.pressure.size(), "one per channel");
     pressures = Pressures(count_);
     std::exception_ptr error;
     try {
@@ -280,8 +274,7 @@ class AsciiSerialDriver : public Driver {
   void note(const LineFields& fields, Channel& channel) {
     if (fields.supply) supply_ = reading(*fields.supply);
     if (fields.set_point && channel.sent) {
-      // Devices round to their own number of digits. Larger differences mean another unit, or
-      // another client that sets it.
+      // Devices round to their own digits. Larger differences mean another unit, or another client.
       const double tolerance =
           std::max(2 * std::pow(10.0, -profile_.decimals), 0.02 * std::abs(*channel.sent));
       if (!(std::abs(*fields.set_point - *channel.sent) <= tolerance)) {

@@ -119,7 +119,7 @@ class ModbusTcpDriver : public Driver {
   explicit ModbusTcpDriver(const ModbusConfig& config)
       : profile_(valid(config).profile),
         places_(config.slots),
-        tcp_(ModbusConfig::kKind, "Modbus", config.host, config.port),
+        tcp_(config.host, config.port),
         outputs_(outputsOf(config), MODBUS_MAX_WRITE_REGISTERS),
         inputs_(inputsOf(config), MODBUS_MAX_READ_REGISTERS) {
     for (const int slot : slotsOf(config)) slots_.push_back({slot, 0, 0.0});

@@ -95,19 +95,9 @@ bool RegulatorIo::take(Reading& reading) {
 }
 
 IoStatus RegulatorIo::status() const {
-  IoStatus out;
-  out.up = up_;
-  out.writes = writes_;
-  out.reads = reads_;
-  out.bad_replies = bad_replies_;
-  out.connections = connections_;
-  out.breaks = breaks_;
-  out.own_vents = own_vents_;
-  out.last_read_time = last_read_time_;
   const basics::MutexLock lock(error_mutex_);
-  out.last_error = last_error_;
-  out.last_error_time = last_error_time_;
-  return out;
+  return {up_,     writes_,    reads_,      bad_replies_,     connections_,
+          breaks_, own_vents_, last_error_, last_error_time_, last_read_time_};
 }
 
 void RegulatorIo::run() {

@@ -10,7 +10,7 @@ bool isStandardBaud(int baud);
 
 /// A serial line with deadlines, as steadyNow() [s].
 ///
-/// Once the device is gone, every call except close() and isOpen() throws LinkError naming the
+/// Once the device is gone, every call except close() throws LinkError naming the
 /// device, the cause and the remedy.
 class SerialPort {
  public:
@@ -24,7 +24,6 @@ class SerialPort {
   /// @throws LinkError naming the device, the cause and the remedy.
   void open(const std::string& device, int baud);
   void close() noexcept;
-  bool isOpen() const { return file_ >= 0; }
 
   /// Drops the input received so far.
   /// @return whether there was any.

@@ -16,7 +16,7 @@
 #include <unistd.h>
 
 #include "helix_arm/basics/quote.hpp"
-#include "helix_arm/regulator/driver.hpp"
+#include "helix_arm/regulator/config.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
 
 namespace helix_arm::regulator {
@@ -76,10 +76,10 @@ int connectWithin(int socket, const SocketAddress& address, double timeout) {
   }
 }
 
-std::string remedyOf(int error, const std::string& protocol) {
+const char* remedyOf(int error) {
   switch (error) {
     case ECONNREFUSED:
-      return "check that its " + protocol + " server runs, and on this port";
+      return "check that its Modbus server runs, and on this port";
     case ETIMEDOUT:
     case EHOSTUNREACH:
     case ENETUNREACH:
@@ -113,10 +113,8 @@ void DeviceLock::release() noexcept {
   socket_ = -1;
 }
 
-TcpLink::TcpLink(std::string kind, std::string protocol, std::string host, int port)
-    : kind_(std::move(kind)),
-      protocol_(std::move(protocol)),
-      host_(std::move(host)),
+TcpLink::TcpLink(std::string host, int port)
+    : host_(std::move(host)),
       port_(std::to_string(port)),
       place_((host_.find(':') == std::string::npos ? host_ : "[" + host_ + "]") + ":" + port_) {}
 
@@ -143,8 +141,7 @@ int TcpLink::open(double timeout) {
     ::close(socket);
   }
   release();
-  throw LinkError(place_ + ": cannot connect: " + std::strerror(error) + "; " +
-                  remedyOf(error, protocol_));
+  throw LinkError(place_ + ": cannot connect: " + std::strerror(error) + "; " + remedyOf(error));
 }
 
 std::vector<SocketAddress> TcpLink::resolve(double timeout) {
@@ -177,9 +174,8 @@ std::vector<SocketAddress> TcpLink::resolve(double timeout) {
     }).detach();
   }
   if (pending_.wait_for(std::chrono::duration<double>(timeout)) != std::future_status::ready) {
-    throw LinkError(place_ +
-                    ": no name server has answered yet; give an address such as "
-                    "192.168.1.10 as host");
+    throw LinkError(
+        place_ + ": no name server has answered yet; give an address such as 192.168.1.10 as host");
   }
   resolved = pending_.get();
   pending_ = {};
@@ -193,7 +189,8 @@ std::vector<SocketAddress> TcpLink::resolve(double timeout) {
 void TcpLink::claim(const SocketAddress& address) {
   char host[NI_MAXHOST] = "";
   getnameinfo(address.get(), address.size, host, sizeof host, nullptr, 0, NI_NUMERICHOST);
-  const auto holder = lock_.take(kind_ + " " + host + " port " + port_);
+  // The kind of regulator, by which programs find that they drive the same device.
+  const auto holder = lock_.take(std::string(ModbusConfig::kKind) + " " + host + " port " + port_);
   if (!holder || ignores_others_) return;
   throw LinkError(place_ + " is driven by " + *holder + "; end that one first");
 }

@@ -49,10 +49,8 @@ struct SocketAddress {
 /// Opens TCP connections, with timeouts, to a device that one program of this machine drives.
 class TcpLink {
  public:
-  /// @param kind  of regulator, by which programs find that they drive the same device.
-  /// @param protocol  of the device's server, for messages.
-  /// @param host  name or address.
-  TcpLink(std::string kind, std::string protocol, std::string host, int port);
+  /// @param host  name or address of a Modbus server.
+  TcpLink(std::string host, int port);
 
   /// Returns a connected socket, without delay of small messages, which the caller closes. The
   /// device is locked until release().
@@ -79,10 +77,7 @@ class TcpLink {
   /// @throws LinkError if another program drives the device at this address.
   void claim(const SocketAddress& address);
 
-  std::string kind_, protocol_;
-  std::string host_;
-  std::string port_;
-  std::string place_;
+  std::string host_, port_, place_;
   DeviceLock lock_;
   bool ignores_others_ = false;
   /// Pending answer of a slow name server; a new request is made only after it.

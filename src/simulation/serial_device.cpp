@@ -8,7 +8,6 @@ namespace helix_arm::simulation {
 namespace {
 
 using control::Valve;
-using regulator::LineFields;
 using regulator::LineFormat;
 
 constexpr const char* kSerialDevice = "serial device";
@@ -115,7 +114,7 @@ class SerialEmulation : public Emulation {
       return wrong_unit ? (pressure + profile_.atmosphere) / other : profile_.fromPascals(pressure);
     };
     const Eigen::VectorXd pressures = readings();
-    LineFields fields;
+    regulator::LineFields fields;
     for (int i = firstOf(channel); i < endOf(channel); ++i) {
       fields.pressures.push_back(number(pressures[i]));
     }

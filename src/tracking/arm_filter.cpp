@@ -64,9 +64,8 @@ bool hasEntry(const model::Arm& arm, double model::Stiffness::*entry) {
   return false;
 }
 
-/// The parameters theta of an ArmFilter: logarithms of factors on the stiffness ratios that an arm
-/// has, on K_eps under load, and on its lengths; one length scale per actuator, or one per section
-/// of an arm with many.
+/// The parameters theta of an ArmFilter: logarithms of factors on an arm's stiffness ratios, on
+/// K_eps under load, and on lengths: one per actuator, or one per section of an arm with many.
 class ArmParameters {
  public:
   ArmParameters(const statics::ArmModel& model, const ArmFilterOptions& options) {
@@ -215,7 +214,7 @@ double outlierLimit(int degrees) {
 
 struct ArmFilter::Workspace {
   Workspace(const statics::ArmModel& given, const ArmFilterOptions& given_options)
-      : options(checked(given_options)),
+      : options((given_options.validate(), given_options)),
         parameters(given, options),
         arm(given.arm()),
         model(given),
@@ -236,11 +235,6 @@ struct ArmFilter::Workspace {
     scale.resize(parameters.count() + size);
     scale << parameters.deviations(), bias_deviation;
     start();
-  }
-
-  static const ArmFilterOptions& checked(const ArmFilterOptions& options) {
-    options.validate();
-    return options;
   }
 
   void start() {

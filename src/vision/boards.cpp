@@ -411,8 +411,9 @@ void Coverage::add(const BoardObservation& observation) {
 }
 
 std::string Coverage::emptiest() const {
-  const char* const kAcross[] = {"left", "", "right"};
-  const char* const kDown[] = {"top", "", "bottom"};
+  const char* const kNames[][3] = {{"top left", "top", "top right"},
+                                   {"left", "centre", "right"},
+                                   {"bottom left", "bottom", "bottom right"}};
   std::string name;
   double most = 0;
   for (int down = 0; down < 3; ++down) {
@@ -427,10 +428,7 @@ std::string Coverage::emptiest() const {
       const double part = static_cast<double>(empty) / cells;
       if (part <= most) continue;
       most = part;
-      name = kDown[down];
-      if (!name.empty() && *kAcross[across] != '\0') name += " ";
-      name += kAcross[across];
-      if (name.empty()) name = "centre";
+      name = kNames[down][across];
     }
   }
   return name;

@@ -115,10 +115,6 @@ double largestMove(const Corners& a, const Corners& b) {
   return (a - b).colwise().norm().maxCoeff();
 }
 
-double areaOf(const Corners& corners) {
-  return 0.5 * cross(corners.col(3) - corners.col(1), corners.col(2) - corners.col(0));
-}
-
 // Outward distance of a line at the first and the last end of an edge [px].
 struct Shift {
   double first, last;
@@ -134,8 +130,7 @@ std::optional<Shift> searchEdge(const GrayPicture& picture, const Vector2d& from
   constexpr int kPlaces = 2 * kMaxReach + 1;
   const Vector2d outward = outwardOf(from, to);
   const int places = 2 * reach + 1;
-  std::array<std::array<std::int16_t, kPlaces>, kRays>
-      fall;  // decrease of the level, outermost first
+  std::array<std::array<std::int16_t, kPlaces>, kRays> fall;  // of the level, outermost first
   for (int i = 0; i < kRays; ++i) {
     const double s = kRaysFrom + (1 - 2 * kRaysFrom) * i / (kRays - 1);
     std::array<std::int16_t, kPlaces + 2> level;
@@ -181,7 +176,7 @@ bool isTagLike(const Corners& corners) {
 // @param max_reach  maximum distance from its edges [px], at most kMaxReach.
 std::optional<Corners> searchEdges(const GrayPicture& picture, const Corners& corners,
                                    int max_reach) {
-  const double area = areaOf(corners);
+  const double area = 0.5 * cross(corners.col(3) - corners.col(1), corners.col(2) - corners.col(0));
   std::array<Line, 4> lines;
   for (int k = 0; k < 4; ++k) {
     const Vector2d from = corners.col(k), to = corners.col((k + 1) % 4);

@@ -503,10 +503,10 @@ constexpr char kDemo[] = HELIX_ARM_SOURCE_DIR "/config/scenes/demo.yaml";
 class ReloadServer : public ::testing::Test {
  protected:
   // Answer of the server, whose callbacks run meanwhile.
-  Reload::Response reload() {
-    auto response = std::async(std::launch::async, [this] {
+  Reload::Response reload(const std::string& scene) {
+    auto response = std::async(std::launch::async, [&] {
       Reload call;
-      call.request.scene = path_;
+      call.request.scene = scene;
       EXPECT_TRUE(ros::service::call(node_.resolveName(names::kReload), call));
       return call.response;
     });
@@ -521,26 +521,19 @@ class ReloadServer : public ::testing::Test {
   const std::string folder_ = std::filesystem::path(path_).parent_path().string();
 };
 
-TEST_F(ReloadServer, TheNewSceneIsNeverSeenWithTheOldFile) {
-  std::future<std::string> seen;
-  ros_bridge::ReloadServer server(node_, kDemo, folder_, [&](const io::Scene&) {
-    seen = std::async(std::launch::async, [&] { return server.file().path; });
-    // Time to get the old file.
-    EXPECT_EQ(seen.wait_for(std::chrono::milliseconds(100)), std::future_status::timeout);
-  });
-  const Reload::Response response = reload();
-  EXPECT_TRUE(response.success) << response.message;
-  ASSERT_TRUE(seen.valid());
-  EXPECT_EQ(seen.get(), path_);
-}
-
+// A request without a path loads the file again that the node has.
 TEST_F(ReloadServer, KeepsTheFileOfASceneThatIsNotAdopted) {
-  const ros_bridge::ReloadServer server(
-      node_, kDemo, folder_, [](const io::Scene&) { throw std::invalid_argument("refused"); });
-  const Reload::Response response = reload();
-  EXPECT_FALSE(response.success);
-  EXPECT_EQ(response.message, "refused");
-  EXPECT_EQ(server.file().path, kDemo);
+  bool refuses = true;
+  const ros_bridge::ReloadServer server(node_, kDemo, folder_, [&](const io::Scene&) {
+    if (refuses) throw std::invalid_argument("refused");
+  });
+  const Reload::Response refused = reload(path_);
+  EXPECT_FALSE(refused.success);
+  EXPECT_EQ(refused.message, "refused");
+  refuses = false;
+  EXPECT_EQ(reload("").message, std::string("scene demo of ") + kDemo);
+  EXPECT_TRUE(reload(path_).success);
+  EXPECT_EQ(reload("").message, "scene demo of " + path_);
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-// Which files services read.
+// Which scenes services read.
 #include <fstream>
 
 #include <gtest/gtest.h>
@@ -20,7 +20,7 @@ class FileAccessTest : public ::testing::Test {
     fs::create_directories(inside_ / "deeper");
     fs::create_directories(outside_);
     for (const fs::path& folder : {inside_, inside_ / "deeper", outside_}) {
-      write(folder / "data.csv", "a,b\n");
+      write(folder / "arm.yaml", "name: arm\n");
     }
   }
 
@@ -30,45 +30,45 @@ class FileAccessTest : public ::testing::Test {
   }
   // Why not; "accepted" where it is.
   std::string refusalToRead(const std::string& path) const {
-    return test::refusal([&] { access().toRead("data", path, {".csv", ".bag"}); });
+    return test::refusal([&] { sceneBelow(folders_, path); });
   }
-  FileAccess access() const { return FileAccess({{inside_.string(), "~data_folder"}}); }
 
   const test::TemporaryFolder folder_;
   // The name of the one begins with that of the other.
   const fs::path inside_ = fs::canonical(folder_.path()) / "in";
   const fs::path outside_ = fs::canonical(folder_.path()) / "inside_not";
+  const std::vector<SceneFolder> folders_{{inside_.string(), "~scene_folder"}};
 };
 
 TEST_F(FileAccessTest, FilesBelowTheFolderAreRead) {
-  for (const fs::path& path : {inside_ / "data.csv", inside_ / "deeper/data.csv",
-                               inside_ / "deeper/../data.csv", inside_ / "./data.csv"}) {
+  for (const fs::path& path : {inside_ / "arm.yaml", inside_ / "deeper/arm.yaml",
+                               inside_ / "deeper/../arm.yaml", inside_ / "./arm.yaml"}) {
     EXPECT_EQ(refusalToRead(path.string()), "accepted") << path;
   }
-  fs::create_symlink(inside_ / "data.csv", inside_ / "link.csv");
-  EXPECT_EQ(access().toRead("data", (inside_ / "link.csv").string(), {".csv"}),
-            (inside_ / "data.csv").string());
+  fs::create_symlink(inside_ / "arm.yaml", inside_ / "link.yaml");
+  EXPECT_EQ(sceneBelow(folders_, (inside_ / "link.yaml").string()),
+            (inside_ / "arm.yaml").string());
 }
 
 TEST_F(FileAccessTest, NothingElseIs) {
-  fs::create_symlink(outside_ / "data.csv", inside_ / "link.csv");
+  fs::create_symlink(outside_ / "arm.yaml", inside_ / "link.yaml");
   fs::create_symlink(outside_, inside_ / "folder");
-  ASSERT_EQ(mkfifo((inside_ / "fifo.csv").c_str(), 0600), 0);
-  write(inside_ / "data.txt", "");
-  fs::create_symlink(inside_ / "data.txt", inside_ / "text.csv");
+  ASSERT_EQ(mkfifo((inside_ / "fifo.yaml").c_str(), 0600), 0);
+  write(inside_ / "arm.txt", "");
+  fs::create_symlink(inside_ / "arm.txt", inside_ / "text.yaml");
   using namespace std::string_literals;
   for (const std::string& path :
-       {(outside_ / "data.csv").string(), (inside_ / "../inside_not/data.csv").string(),
-        (inside_ / "link.csv").string(), (inside_ / "folder/data.csv").string(),
-        (inside_ / "text.csv").string(), (inside_ / "data.txt").string(), "data.csv"s, ""s,
+       {(outside_ / "arm.yaml").string(), (inside_ / "../inside_not/arm.yaml").string(),
+        (inside_ / "link.yaml").string(), (inside_ / "folder/arm.yaml").string(),
+        (inside_ / "text.yaml").string(), (inside_ / "arm.txt").string(), "arm.yaml"s, ""s,
         inside_.string(), "/etc/passwd"s, "/dev/zero"s,
-        (inside_ / "data.csv").string() + '\0' + ".csv"}) {
+        (inside_ / "arm.yaml").string() + '\0' + ".yaml"}) {
     const std::string refusal = refusalToRead(path);
-    EXPECT_EQ(refusal.find("data is '"), 0U) << path;
-    EXPECT_TRUE(test::has(refusal, "; expected the absolute path of a .csv or .bag file below " +
-                                       inside_.string() + " (~data_folder)"));
+    EXPECT_EQ(refusal.find("scene is '"), 0U) << path;
+    EXPECT_TRUE(test::has(refusal, "; expected the absolute path of a .yaml file below " +
+                                       inside_.string() + " (~scene_folder)"));
   }
-  for (const char* name : {"fifo.csv", "none.csv"}) {
+  for (const char* name : {"fifo.yaml", "none.yaml"}) {
     EXPECT_TRUE(test::has(refusalToRead((inside_ / name).string()), "not a regular file"));
   }
   // Of what is elsewhere not even that it is there.
@@ -76,14 +76,14 @@ TEST_F(FileAccessTest, NothingElseIs) {
     std::string out = refusalToRead(path);
     return out.erase(out.find(path), path.size());
   };
-  EXPECT_EQ(text((outside_ / "data.csv").string()), text((outside_ / "none.csv").string()));
+  EXPECT_EQ(text((outside_ / "arm.yaml").string()), text((outside_ / "none.yaml").string()));
 }
 
 TEST_F(FileAccessTest, NothingIsBelowAFolderThatCannotBeReached) {
   fs::create_symlink(inside_ / "loop", inside_ / "loop");
-  const FileAccess access({{(inside_ / "loop").string(), "~data_folder"}});
-  const std::string path = (outside_ / "data.csv").string();
-  EXPECT_THROW(access.toRead("data", path, {".csv"}), std::invalid_argument);
+  const std::vector<SceneFolder> folders{{(inside_ / "loop").string(), "~scene_folder"}};
+  const std::string path = (outside_ / "arm.yaml").string();
+  EXPECT_THROW(sceneBelow(folders, path), std::invalid_argument);
 }
 
 }  // namespace

@@ -258,10 +258,7 @@ Value* entryOf(Value& list, const std::string& part) {
 
 Value* childOf(Value& map, const std::string& key, const Place& place) {
   if (Value* const present = findValue(map, key)) return present;
-  Value child;
-  child.kind = Value::Kind::kMap;
-  child.place = place;
-  map.entries.push_back({key, child});
+  map.entries.push_back({key, {Value::Kind::kMap, {}, false, {}, place}});
   return &map.entries.back().value;
 }
 
@@ -410,12 +407,7 @@ std::string writeDocument(const Value& document) {
   return std::string(out.c_str()) + "\n";
 }
 
-Value plainValue(const std::string& text) {
-  Value value;
-  value.kind = Value::Kind::kText;
-  value.text = text;
-  return value;
-}
+Value plainValue(const std::string& text) { return {Value::Kind::kText, text, false, {}, {}}; }
 
 std::string yamlText(const std::string& text) {
   std::string out = writeDocument(plainValue(text));
@@ -432,8 +424,7 @@ Value numbersValue(const Eigen::VectorXd& numbers) {
 }
 
 Value listValue(const std::vector<Value>& values) {
-  Value list;
-  list.kind = Value::Kind::kList;
+  Value list{Value::Kind::kList, {}, false, {}, {}};
   for (const Value& value : values) list.entries.push_back({{}, value});
   return list;
 }

@@ -97,8 +97,7 @@ void writeKeys(const std::vector<Key>& keys, Value& map) {
 }
 
 Value mapOf(const std::vector<Key>& keys) {
-  Value map;
-  map.kind = Value::Kind::kMap;
+  Value map{Value::Kind::kMap, {}, false, {}, {}};
   writeKeys(keys, map);
   return map;
 }

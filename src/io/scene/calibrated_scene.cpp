@@ -150,8 +150,7 @@ void putResponse(const Scene& scene, const std::string& name, const model::Respo
 
 const char* const kTitle =
     "# A calibrated scene. Its key calibration names the scene and the measurements that it was "
-    "made\n"
-    "# from, and how far to trust each number.\n";
+    "made\n# from, and how far to trust each number.\n";
 
 // All maps of stiffness in the document, so that no old value remains in any.
 std::vector<Value*> stiffnessesOf(Value& document) {

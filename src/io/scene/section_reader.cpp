@@ -423,18 +423,15 @@ void checkTable(const MapReader& keys, const char* key, const model::StiffnessTa
     if (table.empty()) return;
     const std::string who = "gives " + actuator.name + " a " + key + " that depends on pressure";
     if (!model::isPressure(actuator.drive)) {
-      keys.complain("", who + ", but it is a tendon; expected one number");
-    } else if (actuator.limits.lower < table.input.front() ||
-               actuator.limits.upper > table.input.back()) {
-      keys.complain("", who, ", from ", formatNumber(table.input.front() / 1e3), " to ",
-                    formatNumber(table.input.back() / 1e3),
-                    " kPa; expected to cover its limits of ",
-                    formatNumber(actuator.limits.lower / 1e3), " to ",
-                    formatNumber(actuator.limits.upper / 1e3), " kPa");
-    } else {
-      continue;
+      return keys.complain("", who + ", but it is a tendon; expected one number");
     }
-    return;
+    if (actuator.limits.lower < table.input.front() || actuator.limits.upper > table.input.back()) {
+      return keys.complain("", who, ", from ", formatNumber(table.input.front() / 1e3), " to ",
+                           formatNumber(table.input.back() / 1e3),
+                           " kPa; expected to cover its limits of ",
+                           formatNumber(actuator.limits.lower / 1e3), " to ",
+                           formatNumber(actuator.limits.upper / 1e3), " kPa");
+    }
   }
 }
 

@@ -14,7 +14,6 @@
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/basics/text.hpp"
-#include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/shipped_files.hpp"
 #include "ros_bridge/names.hpp"
 
@@ -78,6 +77,16 @@ std::optional<fs::path> launchersFolder() {
   return std::nullopt;
 }
 
+// Absolute path of a file, or of the one that the package ships in `folder` under this bare name;
+// nothing if the text is neither.
+std::optional<std::string> filePath(const std::string& given, const std::string& folder,
+                                    const std::string& extension) {
+  if (given.empty()) return std::nullopt;
+  if (given.front() == '/') return given;
+  if (io::isPath(given)) return std::nullopt;
+  return messageOf(io::shippedFolder(folder), "/", given, extension);
+}
+
 }  // namespace
 
 std::string defaultFolder() {
@@ -87,30 +96,29 @@ std::string defaultFolder() {
   return std::string(home != nullptr ? home : "") + "/.ros/helix_arm";
 }
 
-std::string FileAccess::toRead(const std::string& what, const std::string& given,
-                               const std::vector<std::string>& endings) const {
+std::string sceneBelow(const std::vector<SceneFolder>& folders, const std::string& given) {
   std::string below;
-  for (const Folder& folder : folders_) {
+  for (const SceneFolder& folder : folders) {
     below += (below.empty() ? " below " : " or ") + folder.path + " (" + folder.parameter + ")";
   }
   const std::string quoted = basics::quoted(given, kLongestPath);
   const auto require = [&](bool holds) {
-    basics::require(holds, what, " is '", quoted, "'; expected the absolute path of a ",
-                    basics::joined(endings, " or "), " file", below);
+    basics::require(holds, "scene is '", quoted, "'; expected the absolute path of a .yaml file",
+                    below);
   };
   // The system would cut a path at a null character, and messages repeat it.
   require(!given.empty() && given.front() == '/' && basics::printable(given) == given);
   std::error_code fault;
   const fs::path path = fs::weakly_canonical(given, fault);
   require(!fault);
-  require(std::any_of(folders_.begin(), folders_.end(), [&](const Folder& folder) {
+  require(std::any_of(folders.begin(), folders.end(), [&](const SceneFolder& folder) {
     // Empty if the folder cannot be reached; no path is below that.
     std::error_code unreachable;
     return isBelow(path, fs::weakly_canonical(folder.path, unreachable));
   }));
-  require(std::find(endings.begin(), endings.end(), path.extension()) != endings.end());
+  require(path.extension() == ".yaml");
   std::error_code ignored;
-  basics::require(fs::is_regular_file(path, ignored), what, " is '", quoted,
+  basics::require(fs::is_regular_file(path, ignored), "scene is '", quoted,
                   "', which is not a regular file");
   return path.string();
 }
@@ -134,34 +142,30 @@ ReloadServer::ReloadServer(ros::NodeHandle private_node, std::string path, std::
                            Adopt adopt)
     : first_path_(path),
       scene_folder_(std::move(scene_folder)),
-      file_{path, io::sha256OfFile(path)},
+      path_(std::move(path)),
       adopt_(std::move(adopt)),
       server_(serve(private_node, names::kReload, &ReloadServer::onReload, this)) {}
 
 std::string ReloadServer::allowed(const std::string& scene) const {
-  if (scene.empty()) return file().path;
+  if (scene.empty()) return path_;
   if (scene == first_path_) return scene;
   const auto path = filePath(scene, io::kShippedScenes, ".yaml");
   basics::require(path.has_value(), "scene is '", basics::quoted(scene),
                   "'; expected an absolute path, or the name of a file in ", io::kShippedScenes,
                   " of the package");
   if (scene.front() != '/') return *path;
-  const FileAccess access({{scene_folder_, "~scene_folder"},
-                           {io::shippedFolder(io::kShippedScenes), "the package's own"}});
-  return access.toRead("scene", *path, {".yaml"});
+  return sceneBelow({{scene_folder_, "~scene_folder"},
+                     {io::shippedFolder(io::kShippedScenes), "the package's own"}},
+                    *path);
 }
 
 bool ReloadServer::onReload(Reload::Request& request, Reload::Response& response) {
   try {
     const std::string path = allowed(request.scene);
     io::Scene scene = io::loadScene(path);
-    File next{path, scene.sha256};
     const std::string name = scene.name;
-    {
-      const basics::MutexLock lock(mutex_);
-      adopt_(std::move(scene));
-      file_ = std::move(next);
-    }
+    adopt_(std::move(scene));
+    path_ = path;
     response.success = true;
     response.message = "scene " + name + " of " + path;
     logInfo("reload: %s", response.message.c_str());
@@ -171,14 +175,6 @@ bool ReloadServer::onReload(Reload::Request& request, Reload::Response& response
     logWarning("reload refused, nothing changed: %s", response.message.c_str());
   }
   return true;
-}
-
-std::optional<std::string> filePath(const std::string& given, const std::string& folder,
-                                    const std::string& extension) {
-  if (given.empty()) return std::nullopt;
-  if (given.front() == '/') return given;
-  if (io::isPath(given)) return std::nullopt;
-  return messageOf(io::shippedFolder(folder), "/", given, extension);
 }
 
 void ParameterReader::fault(const std::string& name, const Value& value, const std::string& rule) {

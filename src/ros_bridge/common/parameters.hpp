@@ -11,7 +11,6 @@
 #include <ros/node_handle.h>
 
 #include "helix_arm/Reload.h"
-#include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/contraction.hpp"
 #include "helix_arm/regulator/config.hpp"
@@ -28,11 +27,6 @@ std::string defaultFolder();
 /// is the working directory of that roslaunch; and where this cannot be found, PWD, which a node
 /// has from the shell in which roslaunch was called.
 std::filesystem::path callersFolder();
-
-/// Absolute path of a file, or of the one that the package ships in `folder` under this bare name;
-/// nothing if the text is neither.
-std::optional<std::string> filePath(const std::string& given, const std::string& folder,
-                                    const std::string& extension);
 
 /// Reads a node's private parameters and collects their faults: `~name value rule`.
 class ParameterReader {
@@ -95,29 +89,14 @@ const regulator::Config& requireRegulator(const io::Scene& scene);
 /// Warns of actuators whose limits the supply of the scene's simulated regulator does not reach.
 void warnOfShortSupply(const io::Scene& scene);
 
-/// Restricts the files that a node's services read to some folders, since any client may name any
-/// path. The target of a link counts, not the link's location.
-class FileAccess {
- public:
-  /// A folder, and the parameter that names it, such as "~scene_folder".
-  struct Folder {
-    std::string path, parameter;
-  };
-
-  explicit FileAccess(std::vector<Folder> folders) : folders_(std::move(folders)) {}
-
-  /// @param what     name of the file in messages, such as "data".
-  /// @param given    an absolute path.
-  /// @param endings  allowed endings, such as ".csv".
-  /// @return its path without links.
-  /// @throws std::invalid_argument if it is no regular file with such an ending below the folders.
-  /// The message does not reveal whether a path elsewhere exists.
-  std::string toRead(const std::string& what, const std::string& given,
-                     const std::vector<std::string>& endings) const;
-
- private:
-  std::vector<Folder> folders_;
+/// A folder, and the parameter that names it, such as "~scene_folder".
+struct SceneFolder {
+  std::string path, parameter;
 };
+/// Path, without links, of a scene file that a client names, which may be any path.
+/// @throws std::invalid_argument if it is not absolute, or no regular .yaml file below the folders,
+/// to which links must lead. The message does not reveal whether a path elsewhere exists.
+std::string sceneBelow(const std::vector<SceneFolder>& folders, const std::string& given);
 
 /// Serves a node's `~reload`: loads another file of the same rig, for example after a calibration.
 ///
@@ -129,33 +108,19 @@ class ReloadServer {
 
   /// @param private_node  of the node.
   /// @param path          path of the node's present scene.
-  /// @param scene_folder  folder from which scenes are accepted, besides those that the package
-  ///                      ships and the node's own.
-  /// @param adopt         called from the callback queue while file() waits: it must not call
-  ///                      file(), nor lock a mutex that is locked around a call of file().
+  /// @param scene_folder  from which scenes are accepted, besides the shipped and the node's own.
+  /// @param adopt         called from the callback queue.
   ReloadServer(ros::NodeHandle private_node, std::string path, std::string scene_folder,
                Adopt adopt);
 
-  /// The file of the node's present scene, and the hash of its content when it was loaded.
-  /// Thread-safe; waits while a scene is adopted.
-  struct File {
-    std::string path, sha256;
-  };
-  File file() const HELIX_ARM_EXCLUDES(mutex_) {
-    const basics::MutexLock lock(mutex_);
-    return file_;
-  }
-
  private:
-  bool onReload(Reload::Request& request, Reload::Response& response) HELIX_ARM_EXCLUDES(mutex_);
+  bool onReload(Reload::Request& request, Reload::Response& response);
   /// The file that a request means.
   /// @throws std::invalid_argument if the node does not accept it.
-  std::string allowed(const std::string& scene) const HELIX_ARM_EXCLUDES(mutex_);
+  std::string allowed(const std::string& scene) const;
 
   const std::string first_path_, scene_folder_;
-  /// Also locked while a scene is adopted, so that whoever sees the new scene gets the new file.
-  mutable basics::Mutex mutex_;
-  File file_ HELIX_ARM_GUARDED_BY(mutex_);
+  std::string path_;  ///< of the node's present scene
   Adopt adopt_;
   ros::ServiceServer server_;
 };

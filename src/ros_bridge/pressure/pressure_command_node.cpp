@@ -146,8 +146,7 @@ LogLevel levelOf(const control::SafetyReport& report) {
 ///
 /// Publishes pressure_command, immediately on a new target and with every turn; pressure_measured,
 /// if the regulator is the node's own; and safety_state, latched, on every change, with a line in
-/// the log. Serves ~enable, ~rest, ~vent and ~emergency_stop. All times are of the steady clock,
-/// whatever ROS time does.
+/// the log. Serves ~enable, ~rest, ~vent and ~emergency_stop. All times are of the steady clock.
 class PressureLoop {
  public:
   /// A reading.
@@ -171,8 +170,7 @@ class PressureLoop {
   /// @param arm                Its actuators are named in the messages.
   /// @param rate               Turns of the loop per second [Hz].
   /// @param realtime_priority  Of its thread, as scheduleRealtime(), where that is allowed.
-  /// @param path               Without I/O where another node regulates; the readings then come
-  ///                           from pressure_measured.
+  /// @param path               Without I/O, readings come from pressure_measured of another node.
   /// @param auto_enable        A target enables the path, as SafetyCore::mayEnableItself() allows.
   /// @param take               Receives the readings, in order, from the node's own callback
   ///                           queue; only the last where it cannot keep up.
@@ -208,8 +206,6 @@ class PressureLoop {
     end();
     ros::getGlobalCallbackQueue()->removeByID(reinterpret_cast<std::uint64_t>(this));
   }
-  PressureLoop(const PressureLoop&) = delete;
-  PressureLoop& operator=(const PressureLoop&) = delete;
 
   /// Sets the target of a commander: (n), inside the limits [Pa]. After a rest that another asked
   /// for, it is refused until it pauses for target_timeout, asks for rest, or the arm is enabled.
@@ -225,13 +221,11 @@ class PressureLoop {
     std::string refusal;
     if (auto_enable_ && core.mayEnableItself()) refusal = path_.enable(now);
     if (refusal.empty() && !path_.target(now, pressure)) refusal = path_.reason();
-    if (refusal.empty()) {
-      commander_ = commander;
-      rested_.release();
-    }
     publish(now);
-    if (refusal.empty()) return std::nullopt;
-    return control::Refusal{control::Fault::kNotEnabled, refusal};
+    if (!refusal.empty()) return control::Refusal{control::Fault::kNotEnabled, refusal};
+    commander_ = commander;
+    rested_.release();
+    return std::nullopt;
   }
 
   /// Replaces the rules of the same channels, and the arm with the same actuators.
@@ -476,8 +470,7 @@ DiagnosticStatus channelStatus(const io::Scene& scene, const PressureLoop::Snaps
 
 /// From measured pressures to the arm's shape: lets the responses of its actuators follow them,
 /// solves the model and publishes model, markers, tf and the tip handle. What the responses
-/// remember outlasts vents, stops and changes of the scene; time that goes back, as when a
-/// recording starts over, ends it.
+/// remember outlasts vents, stops and changes of the scene, not time that goes back.
 ///
 /// Nothing is published where the model finds no shape, and the markers are removed when readings
 /// stop; the statuses say so. All of it belongs to the thread of the node's callback queue.
@@ -516,11 +509,13 @@ class ShapePublisher {
     measured_ = measured;
     const ros::Time at = stamp.isZero() ? ros::Time::now() : stamp;
     if (response_.follow(at.toSec(), measured) && !response_.instant() && restarts_.add()) {
+      const double rest = response_.restTime();
       logWarning(
           "pressure_measured is stamped earlier than the reading before (%lu times so far): the "
           "actuators' responses start anew, and their memory is unknown until the pressures have "
           "moved by twice the largest play_kpa%s",
-          restarts_.total(), restText().c_str());
+          restarts_.total(),
+          (rest > 0 ? basics::format(" and %g s have passed", rest) : "").c_str());
     }
     last_reading_ = ros::SteadyTime::now();
     solve();
@@ -592,24 +587,18 @@ class ShapePublisher {
   }
 
  private:
-  std::string restText() const {
-    const double rest = response_.restTime();
-    return rest > 0 ? basics::format(" and %g s have passed", rest) : "";
-  }
-
   /// The shape at the effective pressures.
   void solve() {
     const bool rests = last_reading_.isZero();  // before the first reading
     const Eigen::VectorXd pressure = scene_.arm.clamped(rests ? measured_ : response_.effective());
     solution_ = scene_.model.solve(pressure);
     if (solution_.converged() || !unsolved_.add()) return;
-    std::ostringstream at;
-    at << (1e-3 * pressure).transpose();
+    const std::string at = basics::messageOf((1e-3 * pressure).transpose());
     logWarning(
         "%s: the %s model finds no shape that balances the load at %s kPa (%s, residual %.2g; %lu "
         "times so far): no model is published there; check the scene's load and "
         "arm.stiffness.K_eps_n",
-        scene_.name.c_str(), scene_.model.choice().setting.name().c_str(), at.str().c_str(),
+        scene_.name.c_str(), scene_.model.choice().setting.name().c_str(), at.c_str(),
         statics::nameOf(solution_.status), solution_.residual, unsolved_.total());
   }
 
@@ -656,8 +645,7 @@ class ShapePublisher {
 /// and the command stays. All of it belongs to the thread of the node's callback queue.
 class TargetIntake {
  public:
-  /// @param scene       Its arm, model and safety rules are used. Kept by reference: after a change
-  ///                    to it, call adopt() before the next target.
+  /// @param scene       Kept by reference: after a change, call adopt() before the next target.
   /// @param base_frame  Frame of tip targets.
   /// @param response    Of the arm, as it has followed the measured pressures. Kept by reference.
   /// @param loop        Takes accepted targets; is there before the first one.
@@ -703,9 +691,7 @@ class TargetIntake {
     if (pressure == nullptr || !command(sender, *pressure)) return;
     admission_.accept(sender);
     const auto largest = std::max_element(target.pressure.begin(), target.pressure.end());
-    if (largest != target.pressure.end()) {
-      units_.note(regulator::steadyNow(), sender.commander, *largest);
-    }
+    if (largest != target.pressure.end()) units_.note(steadyNow(), sender.commander, *largest);
   }
 
   void onShapeTarget(const ros::MessageEvent<const ShapeTarget>& event) {
@@ -729,8 +715,7 @@ class TargetIntake {
     }
   }
 
-  /// Where the search begins: the effective pressure of the present command. Limits the search to
-  /// attainable effective pressures.
+  /// The command's effective pressure. Limits the search to attainable effective pressures.
   Eigen::VectorXd beginSearch() {
     if (response_.instant()) return loop_->goal();
     response_.effectiveLimits(scene_.arm, lower_, upper_, kTargetAt);
@@ -806,8 +791,6 @@ std::shared_ptr<regulator::GuardProcess> startGuardProcess(const std::string& sc
       realtime_priority);
 }
 
-constexpr double kNoNumber = std::numeric_limits<double>::quiet_NaN();
-
 using Table =
     Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>;
 
@@ -831,7 +814,7 @@ void requireFinite(const std::vector<double>& table, const char* name) {
 template <class Numbers>
 void appendNumbers(const Numbers& numbers, bool found, std::vector<double>& to) {
   for (Eigen::Index i = 0; i < numbers.size(); ++i) {
-    to.push_back(found ? numbers.data()[i] : kNoNumber);
+    to.push_back(found ? numbers.data()[i] : std::numeric_limits<double>::quiet_NaN());
   }
 }
 

@@ -135,14 +135,10 @@ CheckedPicture<estimation::Camera> fromMsg(const sensor_msgs::CameraInfo& info) 
       (info.roi.height != 0 && info.roi.height != info.height)) {
     return refuseInfo("states binning or a region of interest; send whole pictures");
   }
-  estimation::Camera camera;
   constexpr std::uint32_t kLargest = 1U << 16U;  // larger than any JPEG
-  camera.width = static_cast<int>(std::min(info.width, kLargest));
-  camera.height = static_cast<int>(std::min(info.height, kLargest));
-  camera.fx = info.K[0];
-  camera.fy = info.K[4];
-  camera.cx = info.K[2];
-  camera.cy = info.K[5];
+  const auto side = [&](std::uint32_t size) { return static_cast<int>(std::min(size, kLargest)); };
+  const auto& K = info.K;
+  estimation::Camera camera{side(info.width), side(info.height), K[0], K[4], K[2], K[5], {}};
   if (!none) std::copy(info.D.begin(), info.D.end(), camera.distortion.begin());
   try {
     camera.validate();

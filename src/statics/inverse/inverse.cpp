@@ -76,9 +76,8 @@ class TipStiffness {
 // a decrease of its square by this fraction, the target may be reachable.
 constexpr double kNearMiss = 1e-2;
 constexpr double kValleyPromise = 0.5;
-constexpr double kValleyGain =
-    0.9;  // required decrease factor of the squared residual by a step along a valley
-constexpr int kValleyDescent = 25;  // iterations from a step back to the bottom of the valley
+constexpr double kValleyGain = 0.9;  // most of the squared residual after a step along a valley
+constexpr int kValleyDescent = 25;   // iterations from a step back to the bottom of the valley
 
 /// Continues descents that ended near a target, along a valley of the cost.
 ///
@@ -351,24 +350,21 @@ constexpr int kMostLoadedStarts = 6;  // each takes a thousand times as long as 
 constexpr int kValleyBudget = 6000;   // iterations in valleys for one target
 constexpr int kLoadedValleyBudget = 60;
 constexpr double kSnapFraction = 1e-2;  // of the tolerance: a length closer to a limit is set to it
-constexpr double kLimitMargin =
-    1e-9;  // of an input's range: an input closer to a limit counts as at it
-constexpr double kRotationRounding =
-    1e-6;  // permitted deviation of R R' of a target from the identity
+constexpr double kLimitMargin = 1e-9;   // of an input's range, within which it counts as at a limit
+constexpr double kRotationRounding = 1e-6;  // permitted, of a target's R R' from the identity
 
 void requirePositive(const char* name, double value) {
-  if (std::isfinite(value) && value > 0) return;
-  throw std::invalid_argument("InverseOptions::" + std::string(name) + " is " +
-                              std::to_string(value) + "; expected a finite value > 0");
+  basics::require(std::isfinite(value) && value > 0, "InverseOptions::", name, " is ",
+                  std::to_string(value), "; expected a finite value > 0");
 }
 
 // At larger distances, the size of the arm would vanish in rounding.
 template <class Target>
 void requireNear(const char* what, const Target& target) {
   if (target.allFinite() && target.cwiseAbs().maxCoeff() <= kFarthestTarget) return;
-  throw std::invalid_argument("the target " + std::string(what) +
-                              " is not finite, or has an entry beyond " +
-                              std::to_string(kFarthestTarget) + " m or rad");
+  throw std::invalid_argument(basics::messageOf("the target ", what,
+                                                " is not finite, or has an entry beyond ",
+                                                std::to_string(kFarthestTarget), " m or rad"));
 }
 
 // Checks the options for an arm with or without a load.
@@ -378,11 +374,9 @@ InverseOptions checked(InverseOptions options, bool loaded) {
   requirePositive("max_iterations", options.max_iterations);
   requirePositive("max_starts", options.max_starts);
   if (loaded) options.max_starts = std::min(options.max_starts, kMostLoadedStarts);
-  if (!(options.cocontraction >= 0 && options.cocontraction <= 1)) {
-    throw std::invalid_argument("InverseOptions::cocontraction is " +
-                                std::to_string(options.cocontraction) +
-                                "; expected a fraction in [0, 1]");
-  }
+  basics::require(options.cocontraction >= 0 && options.cocontraction <= 1,
+                  "InverseOptions::cocontraction is ", std::to_string(options.cocontraction),
+                  "; expected a fraction in [0, 1]");
   return options;
 }
 

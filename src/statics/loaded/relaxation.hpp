@@ -28,8 +28,6 @@ inline constexpr int kMaxRates = kDof*(kMostOrder + 1) * kMaxElements;
 
 /// Number of Gauss points of the reference solution for checks.
 inline constexpr int kFineNodes = 16;
-template <int kDof>
-inline constexpr int kMaxFineRates = kDof* kFineNodes* kMaxElements;
 
 // Tolerances of the loaded tier.
 
@@ -45,8 +43,7 @@ inline constexpr double kFarthestTurn = 5.5;
 inline constexpr double kFarthestResidual = 1e6;
 inline constexpr double kNoWork = 1e-9;  // work of a wrench on a null space, relative to the load's
 
-// Fraction of the order's stated error that the error estimate may reach. Beyond it, the shape is
-// compared with a finer solution.
+// Part of the order's stated error beyond which a shape is compared with a finer solution.
 inline constexpr double kDoubt = 0.25;
 // Limit of the rates in the highest mode, relative to the arm's size and one radian.
 inline constexpr double kLargestTail = 0.065;
@@ -54,8 +51,7 @@ inline constexpr double kLargestTail = 0.065;
 // less accurate single step.
 inline constexpr double kTurnOfNode = 3.0;
 inline constexpr double kTurnOfOneStep = 20.0;
-// Largest turn that the finer solution resolves [rad], and the permitted difference from it as a
-// fraction of the stated error.
+// Largest turn that this resolves [rad], and the permitted difference as part of the stated error.
 inline constexpr double kFinestTurn = 40.0;
 inline constexpr double kAgreement = 0.7;
 inline constexpr double kLargestAmplification = 1.0 - 1e-9;

@@ -11,6 +11,7 @@
 #include "basics/fraction.hpp"
 #include "helix_arm/basics/median.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/statics/arm_model.hpp"
 #include "helix_arm/statics/exact.hpp"
 #include "helix_arm/statics/loaded.hpp"
@@ -27,10 +28,7 @@ constexpr double kTaperedError = 1e-5;  // at which an arm stops doubling its Ma
 constexpr int kHopeless = 6;
 
 std::string rounded(double value, int digits, const char* unit) {
-  std::ostringstream text;
-  text.precision(digits);
-  text << value << unit;
-  return text.str();
+  return basics::format("%.*g%s", digits, value, unit);
 }
 std::string percent(double part) { return rounded(100.0 * part, 2, " %"); }
 std::string microseconds(double seconds) { return rounded(1e6 * seconds, 3, " us"); }
@@ -237,6 +235,21 @@ TierChoice chooseUnloaded(const model::Arm& arm, const std::optional<model::Plan
                  : "the arm has no load, so a constant twist per section is exact"};
 }
 
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+constexpr double kNoMotion = 1e-9;  // of a singular value, relative to the largest
+
+// The combinations of a section's inputs that move it, orthonormal (n x rank).
+MatrixXd motionsOf(const model::Arm& arm, const VectorXd& range, int k) {
+  MatrixXd map = arm.equilibrium(k).map;
+  map *= range.segment(arm.firstActuator(k), map.cols()).asDiagonal();
+  map.topRows<lie::SE3::kSpace>() /= arm.freeLength(k);
+  const Eigen::JacobiSVD<MatrixXd> svd(map, Eigen::ComputeThinV);
+  const VectorXd& values = svd.singularValues();
+  return svd.matrixV().leftCols((values.array() > kNoMotion * values[0]).count());
+}
+
 }  // namespace
 
 const char* nameOf(Tier tier) {
@@ -287,25 +300,6 @@ TierChoice chooseTier(const model::Arm& arm, const std::optional<model::PlanarAr
   return request.time ? chooseWithin(*request.time, scale, settings)
                       : chooseAccurate(request, scale, settings);
 }
-
-namespace {
-
-using Eigen::MatrixXd;
-using Eigen::VectorXd;
-
-constexpr double kNoMotion = 1e-9;  // of a singular value, relative to the largest
-
-// The combinations of a section's inputs that move it, orthonormal (n x rank).
-MatrixXd motionsOf(const model::Arm& arm, const VectorXd& range, int k) {
-  MatrixXd map = arm.equilibrium(k).map;
-  map *= range.segment(arm.firstActuator(k), map.cols()).asDiagonal();
-  map.topRows<lie::SE3::kSpace>() /= arm.freeLength(k);
-  const Eigen::JacobiSVD<MatrixXd> svd(map, Eigen::ComputeThinV);
-  const VectorXd& values = svd.singularValues();
-  return svd.matrixV().leftCols((values.array() > kNoMotion * values[0]).count());
-}
-
-}  // namespace
 
 std::vector<VectorXd> sampleInputs(const model::Arm& arm, int corners, int inner) {
   const int n = arm.actuatorCount(), sections = arm.sectionCount();

@@ -39,114 +39,6 @@ std::uint64_t mixed(std::uint64_t z) {
   return z ^ (z >> 31);
 }
 
-}  // namespace
-
-Workspace::Workspace(const ArmModel& model, const WorkspaceOptions& options)
-    : model_(model), options_(options) {
-  batch_ = !takesLoad(model_.choice().setting.tier);
-  if (!options_.sensitivity) return;
-  for (int i = 0; i < model_.arm().actuatorCount(); ++i) {
-    const model::Actuator& actuator = model_.arm().actuator(i);
-    basics::require(model::isPressure(actuator.drive), "sensitivity: it is per kPa, and ",
-                    actuator.name, " is a tendon; leave it out");
-  }
-  for (const model::Stiffness& factors : {model::Stiffness{kOnePercentMore, 1.0, 1.0},
-                                          {1.0, kOnePercentMore, 1.0},
-                                          {1.0, 1.0, kOnePercentMore}}) {
-    stiffer_.push_back(model_.scaledStiffness(factors));
-  }
-  if (!model_.load() || model_.load()->empty()) return;
-  stiffer_.push_back(model_.scaledStiffness({1.0, 1.0, 1.0}, kOnePercentMore));
-}
-
-int Workspace::pieceSize() const {
-  const bool sensitivity = options_.sensitivity;
-  if (batch_) return sensitivity ? kClosedFormPiece : kBatchPiece;
-  if (model_.choice().setting.tier == Tier::kExact) {
-    return sensitivity ? kExactSensitivityPiece : kExactPiece;
-  }
-  return sensitivity ? kLoadedSensitivityPiece : kLoadedPiece;
-}
-
-Eigen::MatrixXd Workspace::drawInputs(std::uint64_t first, int count) const {
-  const int n = model_.arm().actuatorCount();
-  const std::uint64_t start = mixed(options_.seed + kGoldenGamma);
-  Eigen::MatrixXd inputs(count, n);
-  for (int i = 0; i < n; ++i) {
-    const model::Range& limits = model_.arm().actuator(i).limits;
-    for (int row = 0; row < count; ++row) {
-      const std::uint64_t place = (first + row) * n + i + 1;
-      const double fraction = basics::fractionOf(mixed(start + place * kGoldenGamma));
-      // Rounding may exceed the limit.
-      inputs(row, i) =
-          std::min(limits.lower + fraction * (limits.upper - limits.lower), limits.upper);
-    }
-  }
-  return inputs;
-}
-
-Eigen::RowVector3d Workspace::sensitivityAt(const Eigen::VectorXd& q,
-                                            const Eigen::Vector3d& tip) const {
-  const model::Arm& arm = model_.arm();
-  const TipResponse response = model_.tipResponse(arm.lengths(q));
-  // Without a derivative, nothing bounds it.
-  if (response.status != SolveStatus::kConverged) {
-    return Eigen::RowVector3d::Constant(std::numeric_limits<double>::infinity());
-  }
-  // Not rotated to the base frame, which would not change their lengths.
-  const auto moves = response.by.topRows<3>().eval();
-  double pressure = 0.0, stiffness = 0.0;
-  for (int i = 0; i < q.size(); ++i) {
-    pressure += (arm.actuator(i).contraction.slopeInside(q[i]) * moves.col(i)).squaredNorm();
-  }
-  for (const ArmModel& model : stiffer_) {
-    const Tip found = model.tip(q);
-    if (!found.converged()) stiffness = std::numeric_limits<double>::infinity();
-    stiffness += (found.tip.translation - tip).squaredNorm();
-  }
-  return {kKilopascal * std::sqrt(pressure), kMillimetre * moves.norm(), std::sqrt(stiffness)};
-}
-
-WorkspacePoints Workspace::sample(std::uint64_t first, int count) const {
-  WorkspacePoints out;
-  out.inputs = drawInputs(first, count);
-  out.tips.resize(count, 3);
-  if (batch_) {
-    std::vector<const double*> columns;
-    for (int i = 0; i < out.inputs.cols(); ++i) columns.push_back(out.inputs.col(i).data());
-    model::TipBatch(model_.arm())
-        .columns(columns.data(), static_cast<std::size_t>(count), out.tips.col(0).data(),
-                 out.tips.col(1).data(), out.tips.col(2).data());
-    if (!options_.sensitivity) return out;
-  }
-  if (options_.sensitivity) out.sensitivity.resize(count, kSensitivities);
-  int kept = 0;
-  for (int row = 0; row < count; ++row) {
-    const Eigen::VectorXd q = out.inputs.row(row);
-    Eigen::Vector3d tip = out.tips.row(row);
-    if (!batch_) {
-      const Tip found = model_.tip(q);
-      if (!found.converged()) continue;
-      tip = found.tip.translation;
-    }
-    if (options_.sensitivity) {
-      const Eigen::RowVector3d sensitivity = sensitivityAt(q, tip);
-      if (!sensitivity.allFinite()) continue;
-      out.sensitivity.row(kept) = sensitivity;
-    }
-    out.inputs.row(kept) = q;
-    out.tips.row(kept) = tip;
-    ++kept;
-  }
-  out.unbalanced = count - kept;
-  out.inputs.conservativeResize(kept, Eigen::NoChange);
-  out.tips.conservativeResize(kept, Eigen::NoChange);
-  if (options_.sensitivity) out.sensitivity.conservativeResize(kept, Eigen::NoChange);
-  return out;
-}
-
-namespace {
-
 constexpr int kCorners = 1024;
 constexpr int kLoadedCorners = 128;
 constexpr int kExactCorners = 8;
@@ -546,6 +438,110 @@ class Climber {
 };
 
 }  // namespace
+
+Workspace::Workspace(const ArmModel& model, const WorkspaceOptions& options)
+    : model_(model), options_(options) {
+  batch_ = !takesLoad(model_.choice().setting.tier);
+  if (!options_.sensitivity) return;
+  for (int i = 0; i < model_.arm().actuatorCount(); ++i) {
+    const model::Actuator& actuator = model_.arm().actuator(i);
+    basics::require(model::isPressure(actuator.drive), "sensitivity: it is per kPa, and ",
+                    actuator.name, " is a tendon; leave it out");
+  }
+  for (const model::Stiffness& factors : {model::Stiffness{kOnePercentMore, 1.0, 1.0},
+                                          {1.0, kOnePercentMore, 1.0},
+                                          {1.0, 1.0, kOnePercentMore}}) {
+    stiffer_.push_back(model_.scaledStiffness(factors));
+  }
+  if (!model_.load() || model_.load()->empty()) return;
+  stiffer_.push_back(model_.scaledStiffness({1.0, 1.0, 1.0}, kOnePercentMore));
+}
+
+int Workspace::pieceSize() const {
+  const bool sensitivity = options_.sensitivity;
+  if (batch_) return sensitivity ? kClosedFormPiece : kBatchPiece;
+  if (model_.choice().setting.tier == Tier::kExact) {
+    return sensitivity ? kExactSensitivityPiece : kExactPiece;
+  }
+  return sensitivity ? kLoadedSensitivityPiece : kLoadedPiece;
+}
+
+Eigen::MatrixXd Workspace::drawInputs(std::uint64_t first, int count) const {
+  const int n = model_.arm().actuatorCount();
+  const std::uint64_t start = mixed(options_.seed + kGoldenGamma);
+  Eigen::MatrixXd inputs(count, n);
+  for (int i = 0; i < n; ++i) {
+    const model::Range& limits = model_.arm().actuator(i).limits;
+    for (int row = 0; row < count; ++row) {
+      const std::uint64_t place = (first + row) * n + i + 1;
+      const double fraction = basics::fractionOf(mixed(start + place * kGoldenGamma));
+      // Rounding may exceed the limit.
+      inputs(row, i) =
+          std::min(limits.lower + fraction * (limits.upper - limits.lower), limits.upper);
+    }
+  }
+  return inputs;
+}
+
+Eigen::RowVector3d Workspace::sensitivityAt(const Eigen::VectorXd& q,
+                                            const Eigen::Vector3d& tip) const {
+  const model::Arm& arm = model_.arm();
+  const TipResponse response = model_.tipResponse(arm.lengths(q));
+  // Without a derivative, nothing bounds it.
+  if (response.status != SolveStatus::kConverged) {
+    return Eigen::RowVector3d::Constant(std::numeric_limits<double>::infinity());
+  }
+  // Not rotated to the base frame, which would not change their lengths.
+  const auto moves = response.by.topRows<3>().eval();
+  double pressure = 0.0, stiffness = 0.0;
+  for (int i = 0; i < q.size(); ++i) {
+    pressure += (arm.actuator(i).contraction.slopeInside(q[i]) * moves.col(i)).squaredNorm();
+  }
+  for (const ArmModel& model : stiffer_) {
+    const Tip found = model.tip(q);
+    if (!found.converged()) stiffness = std::numeric_limits<double>::infinity();
+    stiffness += (found.tip.translation - tip).squaredNorm();
+  }
+  return {kKilopascal * std::sqrt(pressure), kMillimetre * moves.norm(), std::sqrt(stiffness)};
+}
+
+WorkspacePoints Workspace::sample(std::uint64_t first, int count) const {
+  WorkspacePoints out;
+  out.inputs = drawInputs(first, count);
+  out.tips.resize(count, 3);
+  if (batch_) {
+    std::vector<const double*> columns;
+    for (int i = 0; i < out.inputs.cols(); ++i) columns.push_back(out.inputs.col(i).data());
+    model::TipBatch(model_.arm())
+        .columns(columns.data(), static_cast<std::size_t>(count), out.tips.col(0).data(),
+                 out.tips.col(1).data(), out.tips.col(2).data());
+    if (!options_.sensitivity) return out;
+  }
+  if (options_.sensitivity) out.sensitivity.resize(count, kSensitivities);
+  int kept = 0;
+  for (int row = 0; row < count; ++row) {
+    const Eigen::VectorXd q = out.inputs.row(row);
+    Eigen::Vector3d tip = out.tips.row(row);
+    if (!batch_) {
+      const Tip found = model_.tip(q);
+      if (!found.converged()) continue;
+      tip = found.tip.translation;
+    }
+    if (options_.sensitivity) {
+      const Eigen::RowVector3d sensitivity = sensitivityAt(q, tip);
+      if (!sensitivity.allFinite()) continue;
+      out.sensitivity.row(kept) = sensitivity;
+    }
+    out.inputs.row(kept) = q;
+    out.tips.row(kept) = tip;
+    ++kept;
+  }
+  out.unbalanced = count - kept;
+  out.inputs.conservativeResize(kept, Eigen::NoChange);
+  out.tips.conservativeResize(kept, Eigen::NoChange);
+  if (options_.sensitivity) out.sensitivity.conservativeResize(kept, Eigen::NoChange);
+  return out;
+}
 
 double WorkspaceExtremes::extent(int which, const Eigen::Vector3d& tip) {
   if (which == 6) return tip.norm();
