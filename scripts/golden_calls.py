@@ -1,4 +1,4 @@
-"""The calls that golden.py records: those of calls.txt, and checks of documents with each of their values broken."""
+"""The calls that golden records: those of calls.txt, and checks of documents with each of their values broken."""
 
 import collections
 import itertools
