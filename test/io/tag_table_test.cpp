@@ -122,7 +122,7 @@ std::string poseFaults(const std::string& text) {
 TEST(TagPoses, RowsOfACaptureBelongTogetherWhereverTheyStand) {
   const auto captures = loadPoses("# comment\n" + kPoseHeader +
                                   "7,10,20,3,0.1,0.2,0.3,0,0,0,1\n"
-                                  "2,0,5,3,0,0,0,0.71,0.71,0,0\n"
+                                  "2,0,5,3,0,0,0,0,0,0.71,0.71\n"
                                   "7,10,20,0,-0.1,0,0,0,0,0.6,0.8\n");
   ASSERT_EQ(captures.size(), 2u);
   EXPECT_EQ(captures[0].number, 7);
