@@ -21,8 +21,7 @@ Subcommand addExperiment(CLI::App& app) {
             std::vector<std::string> words = command->remaining();
             words.insert(words.begin(),
                          {program.string(), "--format", formats[static_cast<int>(global.format)]});
-            for (const std::string& one : global.overrides)
-              words.insert(words.end(), {"--set", one});
+            for (const std::string& one : global.overrides) words.push_back("--set=" + one);
             std::vector<char*> arguments;
             for (std::string& word : words) arguments.push_back(word.data());
             arguments.push_back(nullptr);

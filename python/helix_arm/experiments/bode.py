@@ -7,7 +7,9 @@ from typing import Callable, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from helix_arm.experiments.figures import Figure, jackknife
+from scipy import stats
+
+from helix_arm.experiments.figures import NORMAL, Figure, jackknife
 from helix_arm.experiments.protocol import Analysis, Course, Curve, Options, Plot, Recordings, Trial, base_shares, driven
 from helix_arm.experiments.rig import Recording, Rig
 from helix_arm.scene import Scene
@@ -18,9 +20,9 @@ LINES, HIGHEST_HZ = 24, 10.0
 CORNER_HZ = 0.5  # from which on amplitudes fall with the frequency
 POINT_S = 0.02  # between the points of the inputs
 LEAST_LINE = 0.02  # of the largest amplitude, that is a line of the signal
-REFERENCE_HZ = 1.0
+REFERENCE_HZ, DISTORTED_HZ = 1.0, 1.5
 PERIOD = r"period ([0-9.]+) s$"  # in the name of a trial
-END_S, SETTLED = 0.5, 0.8  # that are left out at the end; part of the first period that has to be there
+END_S, SETTLED, PAUSE_S = 0.5, 0.8, 0.5  # left out at the end; part of the first period that has to be there; before the signal
 
 
 def lines_of(period_s: float, rate_hz: float) -> np.ndarray:
@@ -40,7 +42,7 @@ def multisine(time_s: np.ndarray, lines: np.ndarray, period_s: float) -> np.ndar
 
 
 def plan(rig: Rig, scene: Scene, options: Options) -> List[Trial]:
-    """A period in which the arm settles, then one per repeat. The amplitude is what the slew rate allows, at most AMPLITUDE."""
+    """The centre for a period, and a period of the signal, in which the arm settles; then one per repeat. The amplitude is what the slew rate allows, at most AMPLITUDE."""
     repeats, period, trials = options.repeats or REPEATS, options.hold_s or PERIOD_S, []
     lines, count = lines_of(period, rig.rate_hz), len(rig.limits_pa)
     time = POINT_S * np.arange(1, round((repeats + 1) * period / POINT_S) + 1)
@@ -51,7 +53,7 @@ def plan(rig: Rig, scene: Scene, options: Options) -> List[Trial]:
         fastest = float(np.abs(np.diff(signal)).max()) / POINT_S
         share = min(AMPLITUDE, course.slew_pa_s / (fastest * width))
         middle = course.share(base_shares(count, actuator, CENTRE))
-        course.go(middle).hold(2 * options.settle_s)
+        course.go(middle).hold(max(2 * options.settle_s, period))  # creep after that step would look like a drift
         points = np.tile(middle, (len(time), 1))
         # From the centre to the signal in half a second.
         points[:, actuator] += share * width * signal * np.minimum(1, time / 0.5)
@@ -68,13 +70,12 @@ class Period:
     tip: np.ndarray
 
 
-def _amplitudes(time: np.ndarray, values: np.ndarray, frequencies: np.ndarray, drifts: bool = True) -> np.ndarray:
-    """(L, k) of values (m, k), NaN where not seen, by least squares beside a mean and a drift."""
+def _amplitudes(time: np.ndarray, values: np.ndarray, frequencies: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+    """(L, k) and means (k,) of values (m, k), NaN where not seen, by least squares."""
     seen = np.isfinite(values).all(axis=1)
     angle = 2 * np.pi * np.outer(time[seen], frequencies)
-    columns = np.column_stack([np.cos(angle), np.sin(angle), np.ones(seen.sum()), *([time[seen] - time[seen].mean()] * drifts)])
-    found = np.linalg.lstsq(columns, values[seen], rcond=None)[0][:2 * len(frequencies)]
-    return found[:len(frequencies)] - 1j * found[len(frequencies):]
+    found = np.linalg.lstsq(np.column_stack([np.cos(angle), np.sin(angle), np.ones(seen.sum())]), values[seen], rcond=None)[0]
+    return found[:len(frequencies)] - 1j * found[len(frequencies):-1], found[-1]
 
 
 def periods_of(name: str, recording: Recording) -> Tuple[np.ndarray, List[Period]]:
@@ -90,19 +91,27 @@ def periods_of(name: str, recording: Recording) -> Tuple[np.ndarray, List[Period
     period, third = float(told[1]), len(time) // 3
     inside = np.flatnonzero(target >= target[third:2 * third].min())  # not on the way from and to vented
     end, rate = time[inside[-1]] - END_S, 1 / float(np.median(np.diff(time[recording.seen()])))
-    count = int((end - time[inside[0]] - SETTLED * period) / period)
+    moves = inside[1:][np.diff(target[inside]) != 0]
+    pauses = np.flatnonzero(np.diff(time[moves]) > PAUSE_S)
+    begin = time[moves[pauses[-1] + 1] if len(pauses) else moves[0]]
+    count = int((end - begin - SETTLED * period) / period)
     if count < 2:
         raise ValueError("there are fewer than two whole periods after the first one")
     harmonics = np.arange(1, int(min(HIGHEST_HZ, rate / 3) * period) + 1)
     last = (time > end - period) & (time <= end)
-    amplitude = np.abs(_amplitudes(time[last], target[last, None], harmonics / period, False)[:, 0])
+    amplitude = np.abs(_amplitudes(time[last], target[last, None], harmonics / period)[0][:, 0])
     frequencies = harmonics[amplitude > LEAST_LINE * amplitude.max()] / period
-    periods = []
-    for i in range(count, 0, -1):
-        rows = (time > end - i * period) & (time <= end - (i - 1) * period)
-        pressures = np.column_stack([target[rows], recording.measured_pa[rows, actuator]])
-        found = _amplitudes(time[rows], pressures, frequencies)
-        periods.append(Period(found[:, 0], found[:, 1], _amplitudes(time[rows], recording.tip_m[rows], frequencies)))
+    pressures = np.column_stack([target, recording.measured_pa[:, actuator]])
+    parts = [(time > end - i * period) & (time <= end - (i - 1) * period) for i in range(count, 0, -1)]
+    # A drift shows in the means of the periods. Fitted within each, it would take its part of the lines.
+    drift = np.gradient([_amplitudes(time[rows], recording.tip_m[rows], frequencies)[1] for rows in parts], axis=0) / period
+    # An arm that is not linear moves at the harmonics between the lines, too.
+    modelled = np.union1d(frequencies, harmonics[harmonics <= DISTORTED_HZ * period] / period)
+    excited, periods = np.searchsorted(modelled, frequencies), []
+    for rows, slope in zip(parts, drift):
+        (driving, _), since = _amplitudes(time[rows], pressures[rows], frequencies), time[rows] - time[rows].mean()
+        moved = _amplitudes(time[rows], recording.tip_m[rows] - np.outer(since, slope), modelled)[0]
+        periods.append(Period(driving[:, 0], driving[:, 1], moved[excited]))
     return frequencies, periods
 
 
@@ -143,6 +152,14 @@ def coherence(periods: Sequence[Period], direction: np.ndarray) -> np.ndarray:
         np.abs(targets) ** 2, axis=0)
 
 
+def mean_coherence(found: np.ndarray, count: int) -> Tuple[float, float]:
+    """Mean of coherences (L,) over so many periods, without their bias, and its standard error: what they lack of 1 is a sum of
+    squares of noise, so that its interval is that of chi square, of which this is the longer side."""
+    lack = (1 - found) * count / (count - 1)
+    freedom = 2 * (count - 1) * float(np.sum(lack) ** 2 / np.sum(lack**2))
+    return float(1 - lack.mean()), float(lack.mean() * (freedom / stats.chi2.ppf(0.025, freedom) - 1) / NORMAL)
+
+
 def figures_of(name: str, frequencies: np.ndarray, periods: List[Period]) -> List[Figure]:
     direction = direction_of(periods)
     whole = response(periods, direction)
@@ -160,7 +177,7 @@ def figures_of(name: str, frequencies: np.ndarray, periods: List[Period]) -> Lis
             (f"gain {at}", "G1", of(lambda g: 1e6 * abs(g[near])), "mm/kPa", f"The same {at}"),
             (f"phase {at}", "phi1", of(lambda g: np.degrees(turn + np.angle(g[near] * np.exp(-1j * turn)))), "deg",
              f"Phase of the tip behind the commanded pressure {at}"),
-            ("coherence", "gamma2", jackknife(periods, lambda some: float(np.mean(coherence(some, direction)[passed]))), "1",
+            ("coherence", "gamma2", mean_coherence(coherence(periods, direction)[passed], len(periods)), "1",
              "Mean magnitude-squared coherence of tip and commanded pressure over the lines up to -3 dB, across periods")]
     if passed.sum() >= 3:
         rows.append(("delay", "Td", of(lambda g: delay(frequencies[passed], g[passed])), "s",

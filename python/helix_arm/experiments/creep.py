@@ -72,7 +72,7 @@ def fatigue_of(name: str, cycles: Sequence[Cycle]) -> List[Figure]:
     if len(cycles) < 5:
         return [Figure.unknown(f"{name} drift per cycle", "dS/dN", "mm/cycle", "fewer than five cycles.")]
     number = np.arange(len(cycles))
-    rows = [("start drift", "dx/dN", [1e3 * one.up[0] for one in cycles], "mm/cycle", "tip at the low end"),
+    rows = [("start drift", "dx/dN", [1e3 * one.up[0] for one in cycles], "mm/cycle", "tip at 20 % of the range, rising"),
             ("stroke drift", "dS/dN", [1e3 * one.stroke for one in cycles], "mm/cycle", "stroke"),
             ("loop width drift", "dH/dN", [100 * one.width()[len(one.pressure) // 2] for one in cycles], "%/cycle",
              "loop width at half of the range of pressure")]

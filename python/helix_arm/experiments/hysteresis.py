@@ -6,13 +6,14 @@ from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from helix_arm.experiments.figures import Figure, of_repeats
+from helix_arm.experiments.figures import Figure, jackknife, of_repeats
 from helix_arm.experiments.protocol import BASE, Analysis, Course, Curve, Options, Plot, Recordings, Trial, base_shares, driven
 from helix_arm.experiments.rig import Recording, Rig
 from helix_arm.scene import Scene
 
 REPEATS, SLOW_S, FAST_S, TOP = 5, 32.0, 8.0, 0.8  # periods of the cycles; TOP: share of the range
-BINS, NODES = 24, np.linspace(0.1, 0.9, 17)  # of a branch; parts of the range of pressure where branches are compared
+BINS, PICTURES, FEWEST = 24, 4, 6  # parts of a branch: most; pictures in each, by which short branches have fewer; least
+NODES, DEGREE = np.linspace(0.2, 0.8, 13), 6  # parts of the range where branches are compared; polynomial through their distance
 LEAST = 0.5  # of the largest range, that a cycle has
 
 
@@ -70,23 +71,28 @@ def turns_of(time: np.ndarray, pressure: np.ndarray) -> List[Tuple[int, int, int
     lows = [a + int(np.argmin(pressure[a:b])) for a, b in zip(tops, tops[1:])]
     if not lows:
         return []
-    low = float(np.median(pressure[lows])) + 0.01 * float(np.ptp(pressure))
-    before, after = np.flatnonzero(pressure[:tops[0]] <= low), np.flatnonzero(pressure[tops[-1]:] <= low)
+    low, near = float(np.median(pressure[lows])), 0.01 * float(np.ptp(pressure))
+    before, after = np.flatnonzero(pressure[:tops[0]] <= low + near), np.flatnonzero(pressure[tops[-1]:] <= low + near)
     begins = ([int(before[-1])] if len(before) else []) + lows
-    ends = lows + ([tops[-1] + int(after[0])] if len(after) else [])
-    tops = tops[0 if len(before) else 1:]
-    return list(zip(begins, tops, ends))
+    rest = 1 - near / (pressure[tops[-1]] - low)  # of the way down, that is gone where it is near
+    ends = lows + ([min(tops[-1] + round(after[0] / rest), len(pressure) - 1)] if len(after) else [])
+    first = 0 if len(before) else 1  # the first top may have no begin
+    return list(zip(begins, tops[first:], ends[first:]))
 
 
 def _branch(recording: Recording, pressure: np.ndarray, rows: slice) -> Tuple[np.ndarray, np.ndarray]:
-    """(BINS,) pressures and (BINS, 3) tips, each the mean over a part of the time."""
+    """(k,) pressures and (k, 3) tips, of lines through parts of the time at their middles; parts with fewer than three
+    pictures are left out."""
     time, seen = recording.time_s[rows], recording.seen()[rows]
-    edges = np.linspace(time[0], time[-1], BINS + 1)
-    place = np.clip(np.searchsorted(edges, time, "right") - 1, 0, BINS - 1)
-    kept = [k for k in range(BINS) if np.any(seen & (place == k))]
-    # Of the rows that are seen, so that both are means over the same times.
-    return (np.array([pressure[rows][seen & (place == k)].mean() for k in kept]),
-            np.array([recording.tip_m[rows][seen & (place == k)].mean(axis=0) for k in kept]))
+    edges = np.linspace(time[0], time[-1], min(BINS, max(int(seen.sum() / PICTURES), FEWEST)) + 1)
+    values = np.column_stack([pressure[rows], recording.tip_m[rows]])
+    middles = []
+    for begin, end in zip(edges, edges[1:]):
+        near = seen & (time >= begin) & (time <= end)
+        if near.sum() >= 3:
+            middles.append(np.polyfit(time[near] - (begin + end) / 2, values[near], 1)[-1])
+    found = np.array(middles).reshape(-1, 4)
+    return found[:, 0], found[:, 1:]
 
 
 def cycles_of(recording: Recording) -> List[Cycle]:
@@ -95,16 +101,14 @@ def cycles_of(recording: Recording) -> List[Cycle]:
     measured, time = recording.measured_pa[:, actuator], recording.time_s
     out, chord = [], None
     for begin, top, end in turns_of(time, command):
-        if min(top - begin, end - top) < BINS:
-            continue
-        (up_p, up_x), (down_p, down_x) = (_branch(recording, measured, slice(*ends)) for ends in ((begin, top), (top, end)))
-        if min(len(up_p), len(down_p)) < BINS // 2:
+        (up_p, up_x), (down_p, down_x) = (_branch(recording, measured, slice(*ends)) for ends in ((begin, top + 1), (top, end + 1)))
+        if min(len(up_p), len(down_p)) < FEWEST:
             continue
         if chord is None:
             chord = (up_x[-1] + down_x[0] - up_x[0] - down_x[-1]) / 2
             chord /= np.linalg.norm(chord)
         up_s, down_s = up_x @ chord, down_x @ chord
-        least, most = max(up_p.min(), down_p.min()), min(up_p.max(), down_p.max())
+        least, most = max(up_p[0], down_p[-1]), min(up_p[-1], down_p[0])
         nodes = least + NODES * (most - least)
         stroke = float((up_s[-1] + down_s[0] - up_s[0] - down_s[-1]) / 2)
         half = float((up_s[-1] + down_s[0] + up_s[0] + down_s[-1]) / 4)
@@ -124,10 +128,10 @@ def _at(x: np.ndarray, y: np.ndarray, wanted: float) -> float:
 
 
 def loop_width(cycles: Sequence[Cycle]) -> Tuple[float, float]:
-    """Largest width of the loop [% of the stroke]. The other cycles tell where it is, so that noise does not choose its maximum."""
-    widths = np.array([one.width() for one in cycles])
-    found = [100 * widths[i, np.argmax(np.delete(widths, i, 0).mean(axis=0))] for i in range(len(widths))]
-    return of_repeats(found)
+    """Largest width of the loop [% of the stroke], of a polynomial through the nodes."""
+    powers = np.vander(NODES - 0.5, DEGREE + 1)
+    smooth = powers @ np.linalg.pinv(powers)
+    return jackknife(cycles, lambda some: 100 * float(np.max(smooth @ np.mean([one.width() for one in some], axis=0))))
 
 
 def analyse(recordings: Recordings, names: Sequence[str], scene: Optional[Scene] = None) -> Analysis:
@@ -147,8 +151,8 @@ def analyse(recordings: Recordings, names: Sequence[str], scene: Optional[Scene]
         for cycles in rates:
             out.figures.append(Figure(
                 f"{name} loop width at {cycles[0].period:.3g} s", "H", *loop_width(cycles), "%",
-                "Largest difference of the tip, along the chord of its motion, between falling and rising pressure at the same "
-                "measured pressure, in parts of the stroke (hysteresis error of IEC 61298-2, with dead band); scatter of the cycles."))
+                "Largest difference of the tip, along the chord of its motion, between falling and rising pressure, from 20 to 80 % "
+                "of the range of the measured pressure, in parts of the stroke (hysteresis error of IEC 61298-2, with dead band); jackknife over the cycles."))
         out.figures.append(Figure(f"{name} stroke", "S", *of_repeats([1e3 * one.stroke for one in rates[0]]), "mm",
                                   "Distance of the tip between the ends of the slow cycle, along the chord; scatter of the cycles."))
         out.figures += _play_and_lag(name, rates)

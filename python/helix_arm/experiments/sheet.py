@@ -13,8 +13,8 @@ from helix_arm.experiments.figures import NORMAL, Figure
 from helix_arm.experiments.protocol import Analysis, Plot
 
 PAGE = (8.27, 11.69)  # A4 [inch]
-COLUMNS, MOST_ROWS, ROW = 2, 84, 0.13  # of the table on a page: columns, rows in each, highest row [inch]
-MOST_PLOTS, ACROSS = 12, 3
+COLUMNS, MOST_ROWS, ROW = 2, 84, 0.16  # of the table on a page: columns, rows in each, highest row [inch]
+MOST_PLOTS = 12
 NOTE = f"value +- standard error; value +- {NORMAL:.2f} standard errors is the 95 % interval. Definitions: docs/experiments.md"
 COLOURS = ["#1f77b4", "#2ca02c", "#9467bd", "#8c564b", "#17becf", "#bcbd22", "#7f7f7f", "#e377c2"]
 
@@ -94,9 +94,10 @@ def _table_page(header: List[Tuple[str, str]], analysis: Analysis) -> Any:
 def _plot_page(analysis: Analysis) -> Any:
     plots = analysis.plots[:MOST_PLOTS]
     page = _figure(*PAGE)
-    down = max(math.ceil(len(plots) / ACROSS), 2)
+    across = 2 if len(plots) <= 6 else 3
+    down = max(math.ceil(len(plots) / across), 3)
     for i, plot in enumerate(plots):
-        _draw(page.add_subplot(down, ACROSS, i + 1), plot, 5.5)
+        _draw(page.add_subplot(down, across, i + 1), plot, 5.5)
     page.tight_layout(pad=2.0)
     return page
 

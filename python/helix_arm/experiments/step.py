@@ -7,7 +7,7 @@ from typing import Dict, List, Optional, Sequence, Tuple
 import numpy as np
 
 from helix_arm import _core
-from helix_arm.experiments.figures import NORMAL, Figure, correlated_mean, jackknife, of_repeats
+from helix_arm.experiments.figures import NORMAL, Figure, correlated_mean, jackknife
 from helix_arm.experiments.protocol import BASE, Analysis, Course, Curve, Options, Plot, Recordings, Trial, base_shares, driven
 from helix_arm.experiments.rig import Recording, Rig
 from helix_arm.scene import Scene
@@ -16,6 +16,7 @@ REPEATS, HOLD_S, TOP = 5, 8.0, 0.6  # TOP: share of the range
 LEVELS = {"t5": (0.05, "dead time"), "t63": (0.63, "63 % time"), "t90": (0.90, "90 % time"), "t98": (0.98, "98 % time")}
 LEAST, STILL, STILL_S = 0.2, 0.05, 0.1  # changes of the range of pressure that are a step, and that are none
 MISFIT, LEAST_WIDTH = 1.3, 1.5  # variance about a fit, by that of the noise; half width of a fit, by the spacing of readings
+RINGING = 2 / 3  # of the releases and steps, that have to ring
 SURE = 4.5  # standard deviations of a fitted value
 FINAL, BEFORE_S = 0.2, 1.0  # part of the hold whose mean is the final value; time before a step whose mean is the start
 
@@ -142,6 +143,14 @@ def _width(parts: Sequence[Response], centre: float, widest: float) -> float:
     return max(half / 2, least)
 
 
+def _sure(parts: Sequence[Response], centre: float, half: float) -> float:
+    """SURE standard deviations of a fitted value, with those of start and end of the step."""
+    last = np.mean([np.sum(one.time > (1 - FINAL) * one.time[-1]) for one in parts])
+    ends = (1 / last + parts[0].spacing / BEFORE_S) / len(parts)
+    near = max(float(np.sum(np.abs(_pooled(parts)[0] - centre) <= half)), 4.0)
+    return SURE * float(np.sqrt(_noise(parts) * (2.25 / near + ends)))  # 2.25: of a quadratic, in its middle
+
+
 def time_to(parts: Sequence[Response], level: float) -> Tuple[float, float]:
     """When the responses together first reach this part [s], and its standard error."""
     time, value = _smooth(parts)
@@ -159,26 +168,25 @@ def time_to(parts: Sequence[Response], level: float) -> Tuple[float, float]:
         above = _local(some, grid, half)[0] - level - beyond
         i = int(np.argmax((above[1:] >= 0) & (above[:-1] < 0)))
         if not above[i] < 0 <= above[i + 1]:
-            return end
+            return end if end == time[-1] else crossing(some, beyond, float(time[-1]))
         return float(grid[i] - above[i] * (grid[i + 1] - grid[i]) / (above[i + 1] - above[i]))
 
     found, error = jackknife(parts, crossing)
     # Ringing that almost touches the level: by noise, the first crossing may be another one.
-    sure = SURE * np.sqrt(_noise(parts) / max(float(np.sum(np.abs(time - rough) <= half)), 4.0))
+    sure = _sure(parts, rough, half)
     other = max(abs(crossing(parts, beyond, float(time[-1])) - found) for beyond in (sure, -sure))
     return found, max(error, other / NORMAL if other > 2 * SURE * error else 0.0)
 
 
-def overshoot(parts: Sequence[Response]) -> Tuple[float, float]:
-    """Largest part beyond 1 [%]. The others tell where it is, so that noise does not choose its maximum."""
+def overshoot(parts: Sequence[Response]) -> Optional[Tuple[float, float]]:
+    """Largest part beyond 1 before the final part [%], and its standard error; None where noise may be all of it."""
     time, value = _smooth(parts)
     inside = (time > 0) & (time < (1 - FINAL) * min(one.time[-1] for one in parts))
     peak = float(time[inside][np.argmax(value[inside])])
     half = max(min(_width(parts, peak, peak), float(time[np.argmax(value >= 0.63)]) / 4), LEAST_WIDTH * parts[0].spacing)
     grid = np.arange(half, time[inside][-1], half / 3)
-    curves = np.array([_local([one], grid, half)[0] for one in parts])
-    places = [int(np.argmax(np.delete(curves, i, 0).mean(axis=0))) for i in range(len(parts))]
-    return of_repeats([100 * (curves[i, place] - 1) for i, place in enumerate(places)])
+    found = jackknife(parts, lambda some: 100 * float(_local(some, grid, half)[0].max() - 1))
+    return found if found[0] > max(100 * _sure(parts, peak, half), 3 * found[1]) else None
 
 
 Group = List[Tuple[Recording, int, Step, int]]  # recording, actuator, step, row of the step before
@@ -214,12 +222,12 @@ def _times(name: str, what: str, parts: List[Response]) -> List[Figure]:
         out.append(Figure(f"{name} {words}, {what}", symbol, value, error, "s",
                           f"Time from the start of the commanded step until the {what} has gone {100 * level:g} % of its way to the "
                           "mean of the last fifth of the hold (step response of IEC 60050-351); all repeats together, jackknife."))
-    value, error = overshoot(parts)
-    if value < 3 * error:
-        return out + [Figure.unknown(f"{name} overshoot, {what}", "o", "%", "the response does not overshoot by three standard errors.")]
-    out.append(Figure(f"{name} overshoot, {what}", "o", value, error, "%",
+    found = overshoot(parts)
+    if found is None:
+        return out + [Figure.unknown(f"{name} overshoot, {what}", "o", "%", "what exceeds the end may be noise.")]
+    out.append(Figure(f"{name} overshoot, {what}", "o", *found, "%",
                       f"Largest excess of the {what} over that mean before the last fifth of the hold, in parts of the way; "
-                      "scatter of the repeats."))
+                      "jackknife over the repeats."))
     return out
 
 
@@ -288,6 +296,8 @@ def _ringing(name: str, rings: List[Tuple[np.ndarray, np.ndarray]]) -> List[Figu
     found = _core._ringing(time, np.zeros((len(time), 0)), tip)
     out = []
     for key, symbol, words, unit in (("frequency_hz", "f", "frequency", "Hz"), ("damping", "zeta", "damping ratio", "1")):
+        if not found["reason"] and found["found"] < RINGING * found["all"]:
+            found["reason"] = f"ringing found only in {found['found']} of {found['all']} releases or steps"
         if found["reason"]:
             out.append(Figure.unknown(f"{name} {words}", symbol, unit, found["reason"] + "."))
         else:

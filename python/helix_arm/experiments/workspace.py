@@ -1,7 +1,7 @@
 """Where the tip gets to, and whether the model says so."""
 from __future__ import annotations
 
-from typing import Callable, List, Optional, Sequence, Tuple
+from typing import Callable, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 from scipy.spatial import ConvexHull, Delaunay, QhullError
@@ -13,30 +13,38 @@ from helix_arm.experiments.repeatability import LOOK_S, NO_SCENE, holds_of
 from helix_arm.experiments.rig import Rig
 from helix_arm.scene import Scene
 
-PLACES, MOST_CORNERS = 64, 32
+PLACES, MOST_CORNERS, VISITS = 32, 32, 3
 DRAWS, POINTS = 100, 4000  # of the bootstrap; in the predicted hull
 
 
 def plan(rig: Rig, scene: Scene, options: Options) -> List[Trial]:
-    """Corners of the limits, if they are few, and a Halton sequence within them, each held."""
+    """Corners of the limits, if they are few, and a Halton sequence within them, each held; three times in the same order, of which the first conditions."""
     course, count = Course(rig), len(rig.limits_pa)
     shares = qmc.Halton(count, scramble=False).random(options.repeats or PLACES)
     if 2**count <= MOST_CORNERS:
         shares = np.concatenate([np.array(np.meshgrid(*[(0.0, 1.0)] * count)).reshape(count, -1).T[1:], shares])
-    for share in shares:
+    for share in np.tile(shares, (VISITS, 1)):
         course.go(course.share(share)).hold((options.hold_s or 2 * options.settle_s) + LOOK_S)
     return [Trial("places", course.inputs())]
 
 
 def analyse(recordings: Recordings, names: Sequence[str], scene: Optional[Scene] = None) -> Analysis:
-    """recordings: pressures that are held for 2 s or more."""
-    held = [one for recording in recordings.values() for one in holds_of(recording)]
+    """recordings: pressures that are held for 2 s or more, each at least twice."""
+    places: Dict[Tuple[int, ...], List[Tuple[np.ndarray, np.ndarray]]] = {}
+    for recording in recordings.values():
+        for target, tip, _ in holds_of(recording):
+            places.setdefault(tuple(np.round(1e-2 * target).astype(int)), []).append((target, tip))
+    held = [one for one in places.values() if len(one) > 1]
     if scene is None or len(held) < 8:
-        return Analysis([Figure.unknown("model error", "e", "mm", NO_SCENE if scene is None else "fewer than eight places are held.")])
-    predicted = scene.tips(np.clip([target for target, _, _ in held], *scene.limits_pa.T))
-    reached, noise = np.array([tip for _, tip, _ in held]), np.sqrt(np.array([variance for _, _, variance in held]))
+        why = NO_SCENE if scene is None else "fewer than eight places are visited twice."
+        return Analysis([Figure.unknown("model error", "e", "mm", why)])
+    predicted = scene.tips(np.clip([one[0][0] for one in held], *scene.limits_pa.T))
+    visits = [np.array([tip for _, tip in one[len(one) > 2:]]) for one in held]
+    reached = np.array([one.mean(axis=0) for one in visits])
+    scatter = np.sqrt(np.mean([one.var(axis=0, ddof=1) for one in visits], axis=0))
+    noise = scatter / np.sqrt([len(one) for one in visits])[:, None]
     generator = np.random.default_rng(1)
-    drawn = [reached + noise * generator.standard_normal(noise.shape) for _ in range(DRAWS)]
+    drawn = [reached + noise * generator.standard_normal(reached.shape) for _ in range(DRAWS)]
 
     def of(figure: Callable[[np.ndarray], float]) -> Tuple[float, float]:
         # Noise acts on the draws as it did on the readings: their mean tells the bias that it makes.
@@ -59,7 +67,7 @@ def analyse(recordings: Recordings, names: Sequence[str], scene: Optional[Scene]
                   "Part of 4000 places between the model's tips that lies in the convex hull of the measured ones")]
     except QhullError:  # an arm in a plane
         pass
-    out = Analysis([Figure(name, symbol, *of(figure), unit, f"{text}, {len(held)} places; scatter of the pictures.")
+    out = Analysis([Figure(name, symbol, *of(figure), unit, f"{text}, {len(held)} places; scatter between the visits.")
                     for name, symbol, unit, figure, text in rows])
     for across, up in ((1, 2), (1, 0)):
         out.plots.append(Plot("Tips at rest", f"{'xyz'[across]} [mm]", f"{'xyz'[up]} [mm]",
