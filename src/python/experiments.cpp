@@ -12,42 +12,27 @@
 namespace helix_arm::python {
 namespace {
 
-// A simulated rig and its camera, step by step.
-class ExperimentRig {
- public:
-  ExperimentRig(const Scene& scene, const Scene& rig, const std::string& plant, std::uint32_t seed)
-      : model_(scene.model()),
-        seen_(procedures::seenRigOf(scene.scene(), rig.scene(), plant,
-                                    simulation::VisionKind::kCorners, seed)) {}
-
-  void hang(const Eigen::Vector3d& force) { seen_.rig.setTipForce(force); }
-
-  // @param targets  (rows x n) [Pa]; `looks` tells after which of them there is a picture.
-  // @return (rows x n + 3) readings [Pa] and tips [m], NaN where the tip is not seen.
-  Eigen::MatrixXd advance(const Eigen::MatrixXd& targets, double dt,
-                          const std::vector<bool>& looks) {
-    Eigen::MatrixXd out = Eigen::MatrixXd::Constant(targets.rows(), targets.cols() + 3,
-                                                    std::numeric_limits<double>::quiet_NaN());
-    const OthersRun others_run;
-    for (Eigen::Index row = 0; row < targets.rows(); ++row) {
-      seen_.rig.command(targets.row(row).transpose());
-      seen_.rig.step(dt);
-      const Eigen::VectorXd reading = seen_.rig.measure();
-      out.row(row).head(targets.cols()) = reading;
-      if (!looks.at(static_cast<std::size_t>(row))) continue;
-      const Eigen::VectorXd pressure = model_.arm().clamped(reading);
-      const model::Shape expected =
-          statics::startingShape(model_, model_.solve(pressure), pressure);
-      const auto seen = seen_.vision.look(seen_.rig.shape(), expected);
-      if (seen) out.row(row).tail<3>() = seen->tip.translation;
-    }
-    return out;
+// @param targets  (rows x n) [Pa]; `looks` tells after which of them there is a picture.
+// @return (rows x n + 3) readings [Pa] and tips [m], NaN where the tip is not seen.
+Eigen::MatrixXd advance(procedures::SeenRig& self, const Scene& scene,
+                        const Eigen::MatrixXd& targets, double dt, const std::vector<bool>& looks) {
+  Eigen::MatrixXd out = Eigen::MatrixXd::Constant(targets.rows(), targets.cols() + 3,
+                                                  std::numeric_limits<double>::quiet_NaN());
+  const OthersRun others_run;
+  for (Eigen::Index row = 0; row < targets.rows(); ++row) {
+    self.rig.command(targets.row(row).transpose());
+    self.rig.step(dt);
+    const Eigen::VectorXd reading = self.rig.measure();
+    out.row(row).head(targets.cols()) = reading;
+    if (!looks.at(static_cast<std::size_t>(row))) continue;
+    const Eigen::VectorXd pressure = scene.arm().clamped(reading);
+    const auto seen = self.vision.look(
+        self.rig.shape(),
+        statics::startingShape(scene.model(), scene.model().solve(pressure), pressure));
+    if (seen) out.row(row).tail<3>() = seen->tip.translation;
   }
-
- private:
-  statics::ArmModel model_;
-  procedures::SeenRig seen_;
-};
+  return out;
+}
 
 // @param time      (rows) [s]; one that goes back begins a trial.
 // @param pressure  (rows x n) [Pa], or x 0; `position` (rows x 1 to 3) [m].
@@ -66,10 +51,15 @@ py::dict ringingOf(const std::vector<double>& time, const Eigen::MatrixXd& press
 }  // namespace
 
 void bindExperiments(py::module_& module, py::class_<Scene>& scene) {
-  py::class_<ExperimentRig>(module, "ExperimentRig")
-      .def(py::init<const Scene&, const Scene&, const std::string&, std::uint32_t>())
-      .def("hang", &ExperimentRig::hang)
-      .def("advance", &ExperimentRig::advance);
+  py::class_<procedures::SeenRig>(module, "ExperimentRig")
+      .def(py::init(
+          [](const Scene& one, const Scene& rig, const std::string& plant, std::uint32_t seed) {
+            return procedures::seenRigOf(one.scene(), rig.scene(), plant,
+                                         simulation::VisionKind::kCorners, seed);
+          }))
+      .def("hang", [](procedures::SeenRig& self,
+                      const Eigen::Vector3d& force) { self.rig.setTipForce(force); })
+      .def("advance", &advance);
   module.def("_ringing", &ringingOf);
   // (3) direction of the weight, base frame.
   scene.def_property_readonly("_down", [](const Scene& self) {

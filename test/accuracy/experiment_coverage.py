@@ -10,16 +10,15 @@ usage: experiment_coverage.py [--rigs N] [--seed N] [--experiments a,b,c] [--che
 """
 import argparse
 import sys
-from types import SimpleNamespace
 
 import numpy as np
 from scipy.signal import lfilter
 
 from helix_arm import Scene
 from helix_arm.experiments import EXPERIMENTS, Options, Recording, iso9283
-from helix_arm.experiments.repeatability import attained_of, crossings
+from helix_arm.experiments.repeatability import attained_of
 
-STEP_S, RATE_HZ = 0.01, 30.0
+STEP_S, RATE_HZ, NAMES = 0.01, 30.0, ["muscle_1", "muscle_2", "muscle_3"]
 QUICK = {"step": 5, "hysteresis": 5, "bode": 6, "repeatability": 12, "stiffness": 4, "payload": 4, "creep": 12, "workspace": 24}
 
 
@@ -146,73 +145,12 @@ def bode_truth(rig, trials):
     return out
 
 
-def mean(values, begin, end):
-    rows = np.linspace(begin, end, 201)
-    return np.mean([np.interp(rows, np.arange(len(values)), one) for one in values.T], axis=1)
-
-
-def loops(true):
-    """Cycles of the actuator that moves: period, rate, stroke, branches over the pressure, and the gap at half of the stroke."""
-    i = int(np.argmax(np.ptp(true.target_pa, axis=0)))
-    target, found, chord = true.target_pa[:, i], [], None
-    tops = np.flatnonzero((target[1:-1] > target[:-2]) & (target[1:-1] >= target[2:]) & (target[1:-1] > 0.9 * target.max())) + 1
-    low = np.median(target[50 + int(np.argmax(np.diff(target) == 0)):][:50])
-    bottoms = [a + int(np.argmin(target[a:b])) for a, b in zip(tops, tops[1:])]
-    bottoms = [int(np.flatnonzero(target[:tops[0]] <= low + 1)[-1]), *bottoms, tops[-1] + int(np.argmax(target[tops[-1]:] <= low))]
-    for a, top, b in zip(bottoms, tops, bottoms[1:]):
-        m, n = (top - a) / 24, (b - top) / 24  # rows of the parts next to the ends
-        high = (mean(true.tip_m, top - m, top) + mean(true.tip_m, top, top + n)) / 2
-        ends = [mean(true.tip_m, a, a + m), mean(true.tip_m, b - n, b)]
-        way = high - (ends[0] + ends[1]) / 2
-        chord = way / np.linalg.norm(way) if chord is None else chord
-        s, p = true.tip_m @ chord, true.measured_pa[:, i]
-        pairs = [[mean(p[:, None], *ends)[0] for ends in both] for both in (((a, a + m), (b - n, b)), ((top - m, top), (top, top + n)))]
-        grid = np.linspace(max(pairs[0]), min(pairs[1]), 801)
-        up, down = (np.interp(grid, np.maximum.accumulate(p[rows]), s[rows]) for rows in (slice(a + 30, top + 20), slice(b - 1, top + 20, -1)))
-        half = ((ends[0] + ends[1]) / 2 + high) @ chord / 2
-        found.append(SimpleNamespace(period=(b - a) * STEP_S, rate=2 * np.ptp(target[a:b]) / ((b - a) * STEP_S), stroke=way @ chord, up=up,
-                                     down=down, grid=grid, gap=np.interp(half, up, grid) - np.interp(half, down, grid)))
-    return found
-
-
-def hysteresis_truth(rig, trials):
-    out = {}
-    for name, (_, true) in trials.items():
-        cycles = loops(true)
-        groups = [[c for c in cycles if abs(c.period - p) < 0.5][1:] for p in (max(c.period for c in cycles), min(c.period for c in cycles))]
-        for nominal, group in zip((32, 8), groups):
-            inner = slice(160, 641)
-            out[f"{name} loop width at {nominal} s"] = 100 * max(np.mean([(c.down - c.up)[inner] / c.stroke for c in group], axis=0))
-        out[f"{name} stroke"] = 1e3 * np.mean([c.stroke for c in groups[0]])
-        slow, fast = ((np.mean([c.gap for c in group]) / 2, group[0].rate) for group in groups)
-        lag = (fast[0] - slow[0]) / (fast[1] - slow[1])
-        out.update({f"{name} lag": lag, f"{name} play": 1e-3 * (slow[0] - lag * slow[1])})
-    return out
-
-
-def creep_truth(rig, trials):
-    out = {}
-    for trial, (_, true) in trials.items():
-        name = trial.split(" ")[0]
-        i = int(np.argmax(np.ptp(true.target_pa, axis=0)))
-        if "fatigue" in trial:
-            cycles = loops(true)[1:]
-            for words, values in (("start drift", [1e3 * np.interp(c.grid[0] + 0.2 * np.ptp(c.grid), c.grid, c.up) for c in cycles]),
-                                  ("stroke drift", [1e3 * c.stroke for c in cycles]),
-                                  ("loop width drift", [100 * ((c.down - c.up) / c.stroke)[400] for c in cycles])):
-                out[f"{name} {words}"] = np.polyfit(np.arange(len(cycles)), values, 1)[0]
-            continue
-        target = true.target_pa[:, i]
-        base = np.median(target[100:400])
-        begin = np.flatnonzero((target[:-1] == base) & (target[1:] > base))[-1]
-        since = STEP_S * (np.arange(len(target)) - begin)
-        around = {centre: np.abs(since - centre) <= 0.1 * centre for centre in (10, 100)}
-        way = true.tip_m[around[10]].mean(axis=0) - true.tip_m[(since > -1) & (since < 0)].mean(axis=0)
-        s = true.tip_m @ way / np.linalg.norm(way)
-        drift = s[around[100]].mean() - s[around[10]].mean()
-        out.update({f"{name} creep": 1e3 * drift, f"{name} creep of the step": 100 * drift / np.linalg.norm(way),
-                    f"{name} sag": 1e-3 * (true.measured_pa[around[100], i].mean() - true.measured_pa[around[10], i].mean())})
-    return out
+def noise_free_truth(name):
+    """What the definitions give for the motion itself; test/python/experiments_test.py has closed forms of these."""
+    def truth(rig, trials):
+        figures = EXPERIMENTS[name].analyse({key: true for key, (_, true) in trials.items()}, NAMES, Scene.load("demo")).figures
+        return {one.name: one.value for one in figures if one.value is not None}
+    return truth
 
 
 def repeatability_truth(rig, trials):
@@ -248,54 +186,42 @@ def payload_truth(rig, trials):
     return {"shift by a payload": 1e3 * np.linalg.norm(rig.compliance @ Scene.load("demo")._down) * 0.05 * 9.81}
 
 
-def workspace_truth(rig, trials):
-    (_, true), = trials.values()
-    analysis = EXPERIMENTS["workspace"].analyse({"places": true}, [], Scene.load("demo"))
-    return {one.name: one.value for one in analysis.figures}
-
-
-TRUTHS = {"step": step_truth, "bode": bode_truth, "hysteresis": hysteresis_truth, "creep": creep_truth,
-          "repeatability": repeatability_truth, "stiffness": stiffness_truth, "payload": payload_truth, "workspace": workspace_truth}
+TRUTHS = {"step": step_truth, "bode": bode_truth, "repeatability": repeatability_truth, "stiffness": stiffness_truth,
+          "payload": payload_truth, **{name: noise_free_truth(name) for name in ("hysteresis", "creep", "workspace")}}
 
 
 def judged(name, scene, seed):
     """(symbol, (value - truth) / standard error) of the figures that have both."""
-    rig = OwnRig(scene, seed)
-    plan = EXPERIMENTS[name].plan(rig, scene, Options([0, 1, 2], QUICK[name]))
-    trials = {}
-    for trial in plan:
+    rig, trials = OwnRig(scene, seed), {}
+    for trial in EXPERIMENTS[name].plan(rig, scene, Options([0, 1, 2], QUICK[name])):
         rig.hang(np.zeros(3) if trial.force_n is None else trial.force_n)
         recording = rig.record(trial.inputs, lambda: "", lambda rows: None)
         trials[trial.name] = recording, rig.truth
     truth = TRUTHS[name](rig, trials)
-    figures = EXPERIMENTS[name].analyse({key: pair[0] for key, pair in trials.items()}, scene.actuators, scene).figures
-    return [(one.symbol + (" pressure" if one.name.endswith("pressure") else ""), (one.value - truth[one.name]) / one.standard_error, one, truth[one.name])
+    figures = EXPERIMENTS[name].analyse({key: pair[0] for key, pair in trials.items()}, NAMES, scene).figures
+    return [(one.symbol + (" pressure" if one.name.endswith("pressure") else ""), (one.value - truth[one.name]) / one.standard_error)
             for one in figures if one.value is not None and one.name in truth]
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rigs", type=int, default=50)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--experiments", default=",".join(TRUTHS))
     parser.add_argument("--check", action="store_true")
-    parser.add_argument("--verbose", action="store_true")
     o = parser.parse_args()
     scene, bad = Scene.load("demo"), 0
     print(f"{'experiment':<15}{'figure':<14}{'number':>7}{'in 95 %':>9}{'bias':>8}")
     for name in o.experiments.split(","):
         found = {}
-        for k in range(o.rigs):
-            for symbol, deviation, one, truth in judged(name, scene, o.seed + k):
+        for seed in range(o.seed, o.seed + o.rigs):
+            for symbol, deviation in judged(name, scene, seed):
                 found.setdefault(symbol, []).append(deviation)
-                if o.verbose and abs(deviation) > 3:
-                    print(k, one.name, one.value, one.standard_error, truth)
         for symbol, values in found.items():
-            z = np.array(values)
-            held, bias, chance = np.mean(np.abs(z) <= 1.96), z.mean(), 3 / np.sqrt(len(z))
-            wrong = held < 0.95 - 0.05 - chance * 0.22 or abs(np.median(z)) > 1 / 3 + chance * 1.25
+            held, bias, chance = np.mean(np.abs(values) <= 1.96), np.mean(values), 1 / np.sqrt(len(values))
+            wrong = held < 0.9 - 3 * 0.3 * chance or abs(np.median(values)) > 1 / 3 + 3 * 1.25 * chance
             bad += wrong
-            print(f"{name:<15}{symbol:<14}{len(z):>7}{100 * held:>7.0f} %{bias:>8.2f}{'  !' if wrong else ''}", flush=True)
+            print(f"{name:<15}{symbol:<14}{len(values):>7}{100 * held:>7.0f} %{bias:>8.2f}{'  !' if wrong else ''}", flush=True)
     return 1 if bad and o.check else 0
 
 

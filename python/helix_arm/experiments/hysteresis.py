@@ -76,8 +76,8 @@ def turns_of(time: np.ndarray, pressure: np.ndarray) -> List[Tuple[int, int, int
     begins = ([int(before[-1])] if len(before) else []) + lows
     rest = 1 - near / (pressure[tops[-1]] - low)  # of the way down, that is gone where it is near
     ends = lows + ([min(tops[-1] + round(after[0] / rest), len(pressure) - 1)] if len(after) else [])
-    tops = tops[0 if len(before) else 1:]
-    return list(zip(begins, tops, ends))
+    first = 0 if len(before) else 1  # the first top may have no begin
+    return list(zip(begins, tops[first:], ends[first:]))
 
 
 def _branch(recording: Recording, pressure: np.ndarray, rows: slice) -> Tuple[np.ndarray, np.ndarray]:

@@ -131,7 +131,12 @@ def base_shares(count: int, actuator: int, share: float) -> np.ndarray:
 
 
 def driven(recording: Recording) -> Tuple[int, np.ndarray]:
-    """The actuator whose pressure changes most, and its target (m,) [Pa]; where that is not known, its reading."""
+    """The actuator whose pressure changes most, and its target (m,) [Pa]; where that is not known, its reading.
+
+    Raises ValueError without any.
+    """
+    if recording.measured_pa.size == 0:
+        raise ValueError("a recording has no pressures; expected the columns pressure_1_kpa ..")
     known = np.isfinite(recording.target_pa).all()
     every = recording.target_pa if known else recording.measured_pa
     widths = np.subtract(*np.percentile(every, [97, 3], axis=0))

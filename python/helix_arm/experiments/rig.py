@@ -127,7 +127,7 @@ class SimulatedRig:
             if ended:
                 break
             piece = slice(begin, begin + SWEEP)
-            seen = rig.advance(targets[piece], STEP_S, looks[piece])
+            seen = rig.advance(self._parts[0], targets[piece], STEP_S, looks[piece])
             parts.append(np.column_stack([times[piece], targets[piece], seen]))
             sink(parts[-1])
         return Recording.of(np.concatenate(parts), ended)

@@ -13,12 +13,12 @@ from helix_arm.experiments.repeatability import LOOK_S, NO_SCENE, holds_of
 from helix_arm.experiments.rig import Rig
 from helix_arm.scene import Scene
 
-PLACES, MOST_CORNERS, VISITS = 32, 32, 2
+PLACES, MOST_CORNERS, VISITS = 32, 32, 3
 DRAWS, POINTS = 100, 4000  # of the bootstrap; in the predicted hull
 
 
 def plan(rig: Rig, scene: Scene, options: Options) -> List[Trial]:
-    """Corners of the limits, if they are few, and a Halton sequence within them, each held; twice in the same order."""
+    """Corners of the limits, if they are few, and a Halton sequence within them, each held; three times in the same order, of which the first conditions."""
     course, count = Course(rig), len(rig.limits_pa)
     shares = qmc.Halton(count, scramble=False).random(options.repeats or PLACES)
     if 2**count <= MOST_CORNERS:
@@ -39,7 +39,7 @@ def analyse(recordings: Recordings, names: Sequence[str], scene: Optional[Scene]
         why = NO_SCENE if scene is None else "fewer than eight places are visited twice."
         return Analysis([Figure.unknown("model error", "e", "mm", why)])
     predicted = scene.tips(np.clip([one[0][0] for one in held], *scene.limits_pa.T))
-    visits = [np.array([tip for _, tip in one]) for one in held]
+    visits = [np.array([tip for _, tip in one[len(one) > 2:]]) for one in held]
     reached = np.array([one.mean(axis=0) for one in visits])
     scatter = np.sqrt(np.mean([one.var(axis=0, ddof=1) for one in visits], axis=0))
     noise = scatter / np.sqrt([len(one) for one in visits])[:, None]
