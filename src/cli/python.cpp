@@ -10,30 +10,16 @@
 
 namespace helix_arm::cli {
 
-namespace fs = std::filesystem;
-
-namespace {
-
-fs::path beside(const fs::path& name) {
-  return fs::read_symlink("/proc/self/exe").parent_path() / name;
-}
-
-// Continues as another program.
-int become(const fs::path& file, std::vector<std::string> words) {
+int runPython(const std::string& script, std::vector<std::string> words) {
+  const auto program = std::filesystem::read_symlink("/proc/self/exe");
+  const auto file = program.parent_path() / (script + ".py");
+  words.insert(words.begin(), {"/usr/bin/python3", file, program});
   std::vector<char*> arguments(words.size() + 1);
   std::transform(words.begin(), words.end(), arguments.begin(),
                  [](std::string& word) { return word.data(); });
-  if (fs::exists(file)) execv(arguments[0], arguments.data());
+  if (std::filesystem::exists(file)) execv(arguments[0], arguments.data());
   throw CallerError(file.string() +
                     " cannot be run; check that the package is completely installed");
-}
-
-}  // namespace
-
-int runPython(const std::string& script, std::vector<std::string> words) {
-  const fs::path file = beside(script + ".py");
-  words.insert(words.begin(), {"/usr/bin/python3", file, fs::read_symlink("/proc/self/exe")});
-  return become(file, std::move(words));
 }
 
 Subcommand addDoctor(CLI::App& app) {
@@ -45,19 +31,18 @@ csv: one row per check. Exit code 1 if there is a fault.)");
   return {command, [](const auto& global) { return runPython("doctor", {global.format_word}); }};
 }
 
-// Its program, of the Python package, reads the words and has the help.
+// scripts/experiment.py reads the words and has the help.
 Subcommand addExperiment(CLI::App& app) {
   CLI::App* command = app.add_subcommand(
       "experiment", "measure an arm by a fixed protocol: figures with standard errors, data sheet");
   command->set_help_flag();
   command->fallthrough(false)->prefix_command();
   return {command, [command](const GlobalOptions& global) {
-            std::vector<std::string> words{beside("experiments"), "--format", global.format_word};
-            for (const std::string& one : global.overrides)
-              words.insert(words.end(), {"--set", one});
+            std::vector<std::string> words{"--format", global.format_word};
+            for (const std::string& one : global.overrides) words.push_back("--set=" + one);
             const std::vector<std::string> rest = command->remaining();
             words.insert(words.end(), rest.begin(), rest.end());
-            return become(words[0], words);
+            return runPython("experiment", words);
           }};
 }
 

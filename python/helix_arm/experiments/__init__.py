@@ -11,7 +11,7 @@ from helix_arm.experiments.figures import Figure
 from helix_arm.experiments.protocol import Analysis, Curve, Experiment, Options, Plot, Trial
 from helix_arm.experiments.registry import EXPERIMENTS
 from helix_arm.experiments.rig import Inputs, Recording, Rig, SimulatedRig, read_series
-from helix_arm.experiments.run import Progress, Result, main, measure
+from helix_arm.experiments.run import Progress, Result, measure
 
 __all__ = ["Analysis", "Curve", "EXPERIMENTS", "Experiment", "Figure", "Inputs", "Options", "Plot", "Progress", "Recording", "Result",
-           "Rig", "SimulatedRig", "Trial", "main", "measure", "read_series"]
+           "Rig", "SimulatedRig", "Trial", "measure", "read_series"]
