@@ -279,14 +279,13 @@ std::optional<std::string> readHung(const io::Scene& scene, const io::DataSet& d
 std::map<int, statics::PointLoad> hungOf(const io::Scene& scene, const io::DataSet& data) {
   static const std::vector<std::string> kColumns{"load_mass_kg", "load_force_x_n", "load_force_y_n",
                                                  "load_force_z_n", "load_s"};
-  bool any = false;
-  for (const std::string& name : data.columns) {
-    if (name.rfind("load_", 0) != 0) continue;
-    any = true;
-    if (std::find(kColumns.begin(), kColumns.end(), name) != kColumns.end()) continue;
-    refuse(data.path, "has a column " + name + "; of a load, expected " + basics::joined(kColumns));
-  }
-  if (!any) return {};
+  const auto known = std::count_if(kColumns.begin(), kColumns.end(),
+                                   [&](const auto& name) { return data.find(name) >= 0; });
+  const auto named = std::count_if(data.columns.begin(), data.columns.end(),
+                                   [](const auto& name) { return name.rfind("load_", 0) == 0; });
+  if (named == 0) return {};
+  if (known != named)
+    refuse(data.path, "has columns load_.. other than " + basics::joined(kColumns));
   if (!scene.model.load()) {
     refuse(data.path, "hangs loads on the arm, but scene " + scene.name +
                           " has no K_eps; expected arm.stiffness.K_eps_n");
