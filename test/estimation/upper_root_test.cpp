@@ -122,7 +122,7 @@ TEST(CalibrationStatistics, WithoutAPriorThereIsNoCovarianceOfWhatReadingsDoNotT
     CalibrationProblem problem(bench.data, bench.options, bench.selection);
     const Statistics found = statisticsOf(problem, kNoInformation);
     EXPECT_FALSE(found.determined);
-    ASSERT_GT(found.covariance.rows(), 0);
+    ASSERT_EQ(found.covariance.rows(), free_shapes ? 0 : 1);
     EXPECT_TRUE(found.covariance.array().isNaN().all());
   }
 }
