@@ -61,9 +61,7 @@ def analyse(recordings: Recordings, names: Sequence[str], scene: Optional[Scene]
         pass
     out = Analysis()
     for name, symbol, unit, figure, text in rows:
-        each, error = of_repeats([figure(reached[:, k]) for k in range(visits - 1)])
-        # Noise widens a hull and a distance by its variance, which the mean of n visits has a part 1 / n of.
-        value = ((visits - 1) * figure(reached.mean(axis=1)) - each) / (visits - 2)
+        value, error = of_repeats([figure(reached[:, k]) for k in range(visits - 1)])
         out.figures.append(Figure(name, symbol, value, max(error, 100 / POINTS if symbol == "C" else 0.0), unit,
                                   f"{text}, {len(held)} places; scatter of the visits."))
     for across, up in ((1, 2), (1, 0)):
