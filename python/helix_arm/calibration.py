@@ -8,7 +8,6 @@ import threading
 import time
 from typing import Any, Callable, Dict, List, Optional, Sequence
 
-import actionlib
 import numpy as np
 import rospy
 
@@ -103,32 +102,33 @@ class Calibrator:
 
     def check(self, fit: Sequence[str]) -> None:
         """Raises ValueError where the words are none of a request, or the scene has faults."""
+        with self._reload.lock:
+            scene = self._reload.scene
         # An unknown word raises; missing data does not.
-        self._fit_scene(_core.CalibrationData(), fit)
+        scene._calibrate(_core.CalibrationData(), fit, "", SCENE_NOISES, True)
 
-    def calibrate(self, data: Any, out: str, cancelled: Callable[[], bool], *request: Any, force: bool = False) -> Dict[str, Any]:
+    def calibrate(self, data: Any, out: str, cancelled: Callable[[], bool], fit: Sequence[str],
+                  noises: Sequence[float] = SCENE_NOISES, contraction: str = "", **more: Any) -> Dict[str, Any]:
         """Fits, and writes the scene when there is a path and nobody has cancelled it meanwhile.
 
-        out: as scene_path() returned it; checked again before the scene is written. cancelled: asked once, after the fit. request:
-        as of _fit_scene().
+        out: as scene_path() returned it; checked again before the scene is written. cancelled: asked once, after the fit. more:
+        as of Scene._calibrate().
         """
-        self._require_unchanged()
-        return self._keep(self._fit_scene(data, *request, force=force), out, cancelled)
+        scene = self._unchanged_scene()
+        return self._keep(scene._calibrate(data, fit, contraction, noises, True, **more), out, cancelled)
 
     def commission(self, data: Any, out: str, cancelled: Callable[[], bool]) -> Dict[str, Any]:
         """Judges the captures of a walk; with a path, writes the scene without the leading mistake, as calibrate() does."""
-        self._require_unchanged()
+        return self._keep({**NO_FIT, **self._unchanged_scene()._commission(data, bool(out))}, out, cancelled)
+
+    def _unchanged_scene(self) -> Scene:
+        """Raises ValueError where its file changed since it was loaded."""
         with self._reload.lock:
             scene = self._reload.scene
-        return self._keep({**NO_FIT, **scene._commission(data, bool(out))}, out, cancelled)
-
-    def _require_unchanged(self) -> None:
-        with self._reload.lock:
-            path, sha256 = self._reload.scene.path, self._reload.scene._sha256
-        require(_core._sha256(path) == sha256, f"{path} changed on disk since it was loaded; call reload first")
+        require(_core._sha256(scene.path) == scene._sha256, f"{scene.path} changed on disk since it was loaded; call reload first")
+        return scene
 
     def _keep(self, found: Dict[str, Any], out: str, cancelled: Callable[[], bool]) -> Dict[str, Any]:
-        """Keeps and writes the scene of a result that has one."""
         if not found["success"] or not found["scene_text"]:
             return found
         if cancelled():
@@ -142,12 +142,6 @@ class Calibrator:
                 found["success"] = False
                 found["message"] += f", but it is not saved: {fault}; call save with another path"
         return found
-
-    def _fit_scene(self, data: Any, fit: Sequence[str], noises: Sequence[float] = SCENE_NOISES, contraction: str = "",
-                   curve: str = "", branch: str = "both", force: bool = False) -> Dict[str, Any]:
-        with self._reload.lock:
-            scene = self._reload.scene
-        return scene._calibrate(data, fit, contraction, noises, True, curve, branch, force)
 
 
 class RunAction:
@@ -427,8 +421,7 @@ class Calibration(Node):
                   max(request.rest_offset_m, 0.0) if request.rest_offset_m else REST_OFFSET)
         with self._jobs.claim(FIT):
             data = self._calibrator.load(request.data) if request.data else self._recorder.recording().data()
-            fill(response, self._calibrator.calibrate(data, out, lambda: False, request.fit, noises, force=request.force),
-                 out)
+            fill(response, self._calibrator.calibrate(data, out, lambda: False, request.fit, noises, force=request.force), out)
 
     def _fit_contraction(self, request: Any, response: Any) -> None:
         kind, branch = word_of("kind", request.kind, KINDS), word_of("branch", request.branch, BRANCHES)
@@ -436,8 +429,8 @@ class Calibration(Node):
         with self._jobs.claim(FIT):
             data = self._calibrator.load([path])
             require(data.has_lengths, f"{path} holds no free lengths; expected the columns pressure_kpa and length_m")
-            found = self._calibrator.calibrate(data, out, lambda: False, ["contraction"], SCENE_NOISES, request.contraction, kind,
-                                               branch)
+            found = self._calibrator.calibrate(data, out, lambda: False, ["contraction"], contraction=request.contraction,
+                                               curve=kind, branch=branch)
         response.success, response.message = found["success"], found["message"]
         response.out = out if found["success"] else ""
         for curve in found["contractions"][:1]:

@@ -88,7 +88,6 @@ class CalibrationRun:
 
     @property
     def waits_for_pictures(self) -> bool:
-        """Whether it waits for pictures that are missing."""
         return self._unseen_since is not None
 
     def advance(self, now: float, settling: Any) -> Order:

@@ -48,7 +48,6 @@ class ClientWatch:
         threading.Thread(target=self._watch, daemon=True).start()
 
     def release(self) -> None:
-        """Ends the watch."""
         self._released.set()
 
     def is_gone(self) -> bool:

@@ -7,7 +7,7 @@ from typing import Any, Callable
 
 import actionlib
 import rospy
-from geometry_msgs.msg import Transform, Twist
+from geometry_msgs.msg import Quaternion, Transform, Twist, Vector3
 from trajectory_msgs.msg import MultiDOFJointTrajectoryPoint
 
 from helix_arm import _core
@@ -33,10 +33,7 @@ def quiet_goal(scene: Scene, seconds: float, seed: int) -> FollowTipPathGoal:
     goal = FollowTipPathGoal(mode=FollowTipPathGoal.POSITION, path_tolerance=TOLERANCE, goal_tolerance=TOLERANCE,
                              require_vision=True, ignore_contacts=True, hold_s=0.1)
     for row in scene._quiet_path(seconds, seed).tolist():
-        place, motion = Transform(), Twist()
-        place.rotation.w = 1.0
-        place.translation.x, place.translation.y, place.translation.z = row[1:4]
-        motion.linear.x, motion.linear.y, motion.linear.z = row[4:7]
+        place, motion = Transform(Vector3(*row[1:4]), Quaternion(0.0, 0.0, 0.0, 1.0)), Twist(linear=Vector3(*row[4:7]))
         goal.path.points.append(MultiDOFJointTrajectoryPoint(
             transforms=[place], velocities=[motion], time_from_start=rospy.Duration(0, round(1e9 * row[0]))))
     return goal
@@ -69,7 +66,6 @@ class ProofAction:
             set_result(result, result.message)
 
     def _prove(self, goal: ProveContactGoal, result: ProveContactResult) -> None:
-        """Raises ValueError with the reason where there is no proof."""
         seconds = goal.seconds or USUAL_TIME
         require(0 < seconds <= LONGEST_TIME, f"seconds is {seconds:g}; expected more than 0, at most {LONGEST_TIME:g} s")
         self._scene_path(goal.out)  # otherwise refused only after a long run

@@ -100,7 +100,6 @@ class Experiment(Node):
         _fill(result, results, goal.name)
 
     def _folder_of(self, goal: RunExperimentGoal, scene: Scene) -> str:
-        """Where a goal writes."""
         if goal.out:
             return FileAccess({"~out_folder": self._out}).folder("out", goal.out)
         start = os.path.join(self._out, f"experiment_{goal.name}_{scene._sha256[:8]}_")

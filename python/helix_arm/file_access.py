@@ -73,7 +73,6 @@ class FileAccess:
 
 
 def _is_ours(path: str) -> bool:
-    """Whether this package wrote the file."""
     with open(path, "rb") as file:
         begin = file.read(256)
     if path.endswith(".yaml"):

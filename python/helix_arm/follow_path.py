@@ -16,14 +16,13 @@ import actionlib
 import actionlib.action_client
 import numpy as np
 import rospy
-from geometry_msgs.msg import Transform
+from geometry_msgs.msg import Quaternion, Transform, Vector3
 from trajectory_msgs.msg import MultiDOFJointTrajectoryPoint
 
 from helix_arm import _core, run_record
 from helix_arm.file_access import RECORDED_RUN, FileAccess, quoted
 from helix_arm.jobs import is_connected
-from helix_arm.msg import (ArmShape, FollowTipPathAction, FollowTipPathFeedback, FollowTipPathGoal, FollowTipPathResult,
-                           PressureArray)
+from helix_arm.msg import ArmShape, FollowTipPathAction, FollowTipPathFeedback, FollowTipPathGoal, PressureArray
 from helix_arm.node import DONE, FAILED, LONGEST_MESSAGE, FaultCount, Node, Parameters, end, listen, log, run
 
 MOST_ACTUATORS = 100
@@ -159,9 +158,7 @@ class FollowPath(Node):
         reader.finish()
         points = _core._tip_path(self._path)
         for point in points:
-            place = Transform()
-            place.rotation.w = 1.0
-            place.translation.x, place.translation.y, place.translation.z = point[1:].tolist()
+            place = Transform(Vector3(*point[1:].tolist()), Quaternion(0.0, 0.0, 0.0, 1.0))
             self._goal.path.points.append(MultiDOFJointTrajectoryPoint(
                 transforms=[place], time_from_start=rospy.Duration(0, round(1e9 * point[0]))))
         self._seconds = points[-1][0]
@@ -182,7 +179,6 @@ class FollowPath(Node):
         self._asked = time.monotonic()
 
     def finish(self) -> int:
-        """Writes the record."""
         with self._lock:
             if self._recorder is None or not self._sent:
                 return self._verdict
@@ -194,7 +190,6 @@ class FollowPath(Node):
             return self._verdict
 
     def may_end(self) -> bool:
-        """Not while a goal is under way."""
         return not self._sent or self._done
 
     def turn(self) -> None:
@@ -231,10 +226,6 @@ class FollowPath(Node):
         log.info(f"{self._path}: {len(self._goal.path.points)} points, {self._seconds:.1f} s")
         self._sent_goal = self._client.send_goal(self._goal, self._on_transition, lambda _, feedback: self._on_feedback(feedback))
 
-    def _on_transition(self, goal: actionlib.ClientGoalHandle) -> None:
-        if goal.get_comm_state() == actionlib.CommState.DONE:
-            self._on_done(goal.get_goal_status(), goal.get_result())
-
     def _on_feedback(self, feedback: FollowTipPathFeedback) -> None:
         with self._lock:
             if self._recorder is not None:
@@ -245,7 +236,10 @@ class FollowPath(Node):
             log.info(f"{feedback.time_from_start.to_sec():.1f} s: the tip is {1e3 * feedback.error:.2f} mm off, the loop "
                      f"{quoted(feedback.state)}")
 
-    def _on_done(self, state: int, result: Optional[FollowTipPathResult]) -> None:
+    def _on_transition(self, goal: actionlib.ClientGoalHandle) -> None:
+        if goal.get_comm_state() != actionlib.CommState.DONE:
+            return
+        state, result = goal.get_goal_status(), goal.get_result()
         with self._lock:
             if result is None:
                 log.fatal("the goal has ended without a result; is visual_servo still running?")

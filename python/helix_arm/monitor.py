@@ -91,18 +91,17 @@ class Monitor(Node):
         self._dropped = self._refused = 0  # targets since the node started; of these, the harmless ones
         self._last_fault = self._error = ""  # message of the last status at level ERROR
         for topic, kind, callback in (
-                ("pressure_command", PressureArray, self._on_command), ("pressure_measured", PressureArray, self._on_measured),
-                ("model", ArmShape, self._on_model), ("measured", ArmShape, self._on_shape),
-                ("model_error", ModelError, self._on_model_error), ("vision_status", VisionStatus, self._on_vision_status),
-                ("safety_state", SafetyState, self._on_safety), ("/diagnostics", DiagnosticArray, self._on_diagnostics)):
+                ("pressure_command", PressureArray, lambda command: self._command.arrived(command.pressure)),
+                ("pressure_measured", PressureArray, self._on_measured), ("model", ArmShape, self._on_model),
+                ("measured", ArmShape, self._on_shape), ("model_error", ModelError, self._on_model_error),
+                ("vision_status", VisionStatus, functools.partial(setattr, self, "_vision")),
+                ("safety_state", SafetyState, functools.partial(setattr, self, "_safety")),
+                ("/diagnostics", DiagnosticArray, self._on_diagnostics)):
             listen(topic, kind, 1000, functools.partial(self._locked, callback))
 
     def _locked(self, callback: Callable[[Any], None], message: Any) -> None:
         with self._lock:
             callback(message)
-
-    def _on_command(self, command: PressureArray) -> None:
-        self._command.arrived(command.pressure)
 
     def _on_measured(self, measured: PressureArray) -> None:
         self._measured.arrived(measured.pressure)
@@ -122,12 +121,6 @@ class Monitor(Node):
         self._model_error = error
         if math.isfinite(error.tip_error):
             self._tip_errors.append(error.tip_error)
-
-    def _on_vision_status(self, status: VisionStatus) -> None:
-        self._vision = status
-
-    def _on_safety(self, safety: SafetyState) -> None:
-        self._safety = safety
 
     def _on_diagnostics(self, diagnostics: DiagnosticArray) -> None:
         node = rospy.resolve_name("pressure_command")[1:] + ": "
@@ -209,7 +202,6 @@ class Monitor(Node):
         return [fault for fault in out if fault]
 
     def finish(self) -> int:
-        """Prints the summary and gives the verdict."""
         with self._lock:
             seconds = time.monotonic() - self._model.first if self._model.count else 0.0
             rates = "".join(f"{stream.topic} {stream.rate():.1f} Hz, " for stream in (self._command, self._measured, self._model))

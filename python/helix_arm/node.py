@@ -1,6 +1,7 @@
 """What the nodes in Python share: their parameters, their log, and how they end. As src/ros_bridge/common of those in C++."""
 from __future__ import annotations
 
+import functools
 import math
 import os
 import queue
@@ -47,18 +48,6 @@ class Log:
     def start(self) -> None:
         threading.Thread(target=self._write, daemon=True).start()
 
-    def info(self, text: str) -> None:
-        self._hand(rospy.loginfo, text)
-
-    def warning(self, text: str) -> None:
-        self._hand(rospy.logwarn, text)
-
-    def error(self, text: str) -> None:
-        self._hand(rospy.logerr, text)
-
-    def fatal(self, text: str) -> None:
-        self._hand(rospy.logfatal, text)
-
     def flush(self, longest: float) -> None:
         """Waits until all lines are written, at most this long [s]."""
         with self._lines.all_tasks_done:
@@ -70,6 +59,11 @@ class Log:
                 self._lines.put_nowait((write, line))
             except queue.Full:
                 self._lost += 1
+
+    info = functools.partialmethod(_hand, rospy.loginfo)
+    warning = functools.partialmethod(_hand, rospy.logwarn)
+    error = functools.partialmethod(_hand, rospy.logerr)
+    fatal = functools.partialmethod(_hand, rospy.logfatal)
 
     def _write(self) -> None:
         while True:

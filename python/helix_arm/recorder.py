@@ -116,7 +116,6 @@ class Recorder:
             self._samples.append(sample)
 
     def count(self) -> int:
-        """Of the samples."""
         with self._lock:
             return len(self._samples)
 

@@ -103,7 +103,6 @@ class TipRecord:
             self._take()
 
     def is_complete(self) -> bool:
-        """Whether no row waits for anything."""
         return not self._waiting
 
     def finish(self) -> List[Row]:

@@ -247,10 +247,9 @@ class Scene(_core.Scene):
         found = self._calibrate(tables, words, contraction, noises, errors, force=force)
         if found["next_pressures_pa"] is not None:
             found["next_pressures_pa"] = np.array(found["next_pressures_pa"] or np.zeros((0, 0)))
-        found["parameters"] = [results.Parameter(**one) for one in found["parameters"]]
-        found["combinations"] = [results.Combination(**one) for one in found["combinations"]]
-        found["suspects"] = [results.Suspect(**one) for one in found["suspects"]]
-        found["contractions"] = [results.Contraction.of(one) for one in found["contractions"]]
+        for name, kind in (("parameters", results.Parameter), ("combinations", results.Combination),
+                           ("suspects", results.Suspect), ("contractions", results.Contraction)):
+            found[name] = [kind.of(one) for one in found[name]]
         return results.Calibration.of(found)
 
     def follow(self, tips: Optional[Numbers] = None, *, path: Optional[Numbers] = None, seconds: float, open: bool = False,

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from typing import Callable, List, Optional, Sequence, Tuple
 
 import numpy as np
-
 from scipy import stats
 
 from helix_arm.experiments.figures import NORMAL, Figure, jackknife
-from helix_arm.experiments.protocol import Analysis, Course, Curve, Options, Plot, Recordings, Trial, base_shares, driven
+from helix_arm.experiments.protocol import Analysis, Course, Curve, Options, Plot, Recordings, Trial, driven
 from helix_arm.experiments.rig import Recording, Rig
 from helix_arm.scene import Scene
 
@@ -42,9 +41,10 @@ def multisine(time_s: np.ndarray, lines: np.ndarray, period_s: float) -> np.ndar
 
 
 def plan(rig: Rig, scene: Scene, options: Options) -> List[Trial]:
-    """The centre for a period, and a period of the signal, in which the arm settles; then one per repeat. The amplitude is what the slew rate allows, at most AMPLITUDE."""
+    """The centre for a period, and a period of the signal, in which the arm settles; then one per repeat. The amplitude is what
+    the slew rate allows, at most AMPLITUDE."""
     repeats, period, trials = options.repeats or REPEATS, options.hold_s or PERIOD_S, []
-    lines, count = lines_of(period, rig.rate_hz), len(rig.limits_pa)
+    lines = lines_of(period, rig.rate_hz)
     time = POINT_S * np.arange(1, round((repeats + 1) * period / POINT_S) + 1)
     signal = multisine(time, lines, period)
     for actuator in options.actuators:
@@ -52,7 +52,7 @@ def plan(rig: Rig, scene: Scene, options: Options) -> List[Trial]:
         width = float(np.ptp(rig.limits_pa[actuator]))
         fastest = float(np.abs(np.diff(signal)).max()) / POINT_S
         share = min(AMPLITUDE, course.slew_pa_s / (fastest * width))
-        middle = course.share(base_shares(count, actuator, CENTRE))
+        middle = course.drive(actuator, CENTRE)
         course.go(middle).hold(max(2 * options.settle_s, period))  # creep after that step would look like a drift
         points = np.tile(middle, (len(time), 1))
         # From the centre to the signal in half a second.
@@ -148,8 +148,8 @@ def coherence(periods: Sequence[Period], direction: np.ndarray) -> np.ndarray:
     """(L,) magnitude-squared, over the periods."""
     tips = np.array([one.tip @ direction for one in periods])
     targets = np.array([one.target for one in periods])
-    return np.abs(np.sum(tips * targets.conj(), axis=0)) ** 2 / np.sum(np.abs(tips) ** 2, axis=0) / np.sum(
-        np.abs(targets) ** 2, axis=0)
+    cross, tip, target = (np.sum(one, axis=0) for one in (tips * targets.conj(), np.abs(tips) ** 2, np.abs(targets) ** 2))
+    return np.abs(cross) ** 2 / tip / target
 
 
 def mean_coherence(found: np.ndarray, count: int) -> Tuple[float, float]:
@@ -188,7 +188,8 @@ def figures_of(name: str, frequencies: np.ndarray, periods: List[Period]) -> Lis
         out.append(Figure(f"{name} -3 dB frequency", "f3dB", *of(lambda g: corner(frequencies, g)), "Hz",
                           "Where the gain first is 3 dB below that of the lowest line; jackknife over the periods."))
     else:
-        out.append(Figure.unknown(f"{name} -3 dB frequency", "f3dB", "Hz", f"the gain falls by less up to {frequencies[-1]:.3g} Hz."))
+        why = f"the gain falls by less up to {frequencies[-1]:.3g} Hz."
+        out.append(Figure.unknown(f"{name} -3 dB frequency", "f3dB", "Hz", why))
     return out
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from helix_arm.experiments.figures import Figure, correlated_mean, line
 from helix_arm.experiments.hysteresis import Cycle, cycles_course, cycles_of
-from helix_arm.experiments.protocol import BASE, Analysis, Course, Curve, Options, Plot, Recordings, Trial, base_shares, driven
+from helix_arm.experiments.protocol import BASE, Analysis, Course, Curve, Options, Plot, Recordings, Trial, driven
 from helix_arm.experiments.rig import Recording, Rig
 from helix_arm.experiments.step import steps_of
 from helix_arm.scene import Scene
@@ -22,20 +22,12 @@ def plan(rig: Rig, scene: Scene, options: Options) -> List[Trial]:
     """A step that is held; then cycles of 4 s."""
     cycles, hold, trials = options.repeats or CYCLES, options.hold_s or HOLD_S, []
     for actuator in options.actuators:
-        count, name = len(rig.limits_pa), scene.actuators[actuator]
-        course = Course(rig)
-        low, high = (course.share(base_shares(count, actuator, share)) for share in (BASE, TOP))
+        name, course = scene.actuators[actuator], Course(rig)
+        low, high = course.drive(actuator, BASE), course.drive(actuator, TOP)
         trials.append(Trial(name, course.go(low).hold(2 * options.settle_s).go(high).hold(hold).inputs()))
         course = Course(rig).go(low).hold(2 * options.settle_s)
         trials.append(Trial(f"{name} {FATIGUE}", cycles_course(course, low, high, cycles + 1, CYCLE_S).inputs()))
     return trials
-
-
-def _reading(recording: Recording, values: np.ndarray, begin: float, centre: float) -> Tuple[float, float]:
-    """Mean of values (m,) around a time after begin, NaN where not seen, and its standard error."""
-    since = recording.time_s - begin
-    rows = (np.abs(since - centre) <= WIDTH * centre) & np.isfinite(values)
-    return correlated_mean(values[rows])
 
 
 def drift_of(name: str, recording: Recording) -> Tuple[List[Figure], List[Curve]]:
@@ -43,10 +35,11 @@ def drift_of(name: str, recording: Recording) -> Tuple[List[Figure], List[Curve]
     steps = steps_of(recording.time_s, pressure)
     held = max(steps, key=lambda one: recording.time_s[one.end] - recording.time_s[one.begin])
     begin, end = recording.time_s[[held.begin, held.end]]
+    since = recording.time_s - begin
     last = min(DECADE_S[1], (end - begin) / (1 + WIDTH))
     first = DECADE_S[0] if last > 5 * DECADE_S[0] else last / 5
     before = (recording.time_s < begin) & (recording.time_s > begin - 1) & recording.seen()
-    around = (np.abs(recording.time_s - begin - first) < WIDTH * first) & recording.seen()
+    around = (np.abs(since - first) < WIDTH * first) & recording.seen()
     if before.sum() < 3 or around.sum() < 3:
         return [Figure.unknown(f"{name} creep", "c", "mm/decade", "the tip is not seen before the step or after it.")], []
     way = recording.tip_m[around].mean(axis=0) - recording.tip_m[before].mean(axis=0)
@@ -56,14 +49,14 @@ def drift_of(name: str, recording: Recording) -> Tuple[List[Figure], List[Curve]
     for words, symbol, values, unit, scale, text in (
             ("creep", "c", along, "mm/decade", 1e3, "Drift of the tip along its step"),
             ("sag", "s", recording.measured_pa[:, actuator], "kPa/decade", 1e-3, "Drift of the measured pressure")):
-        (a, a_error), (b, b_error) = (_reading(recording, values, begin, centre) for centre in (first, last))
+        (a, a_error), (b, b_error) = (
+            correlated_mean(values[(np.abs(since - centre) <= WIDTH * centre) & np.isfinite(values)]) for centre in (first, last))
         out.append(Figure(f"{name} {words}", symbol, scale * (b - a) / decades, scale * float(np.hypot(a_error, b_error)) / decades,
                           unit, f"{text} per decade of time at a held pressure, from {first:.3g} to {last:.3g} s after its start, each "
                           "read over a tenth of the time to both sides; readings correlated in time count as fewer."))
     share = 1e3 * float(np.linalg.norm(way))
     out.append(Figure(f"{name} creep of the step", "c/S", 100 * out[0].value / share, 100 * out[0].standard_error / share,
                       "%/decade", f"The same in parts of the step at {first:.3g} s."))
-    since = recording.time_s - begin
     rows = (since > 0.3) & (since < end - begin) & recording.seen()
     return out, [Curve(since[rows], 1e3 * (along[rows] - along[around].mean()), name)]
 
@@ -94,7 +87,8 @@ def analyse(recordings: Recordings, names: Sequence[str], scene: Optional[Scene]
             figures, drawn = drift_of(name, recording)
             out.figures += figures
             curves += drawn
-    out.figures.append(Figure.unknown("leak", "q", "kPa/s", "the regulators replace what leaks; close their valves and read the fall."))
+    why = "the regulators replace what leaks; close their valves and read the fall."
+    out.figures.append(Figure.unknown("leak", "q", "kPa/s", why))
     out.plots.append(Plot("Creep at a held pressure", "time since the step [s]", "tip along its step [mm]", curves, log=True))
     out.plots.append(Plot("Fatigue", "cycle", "tip at the low end [mm]", strokes))
     return out

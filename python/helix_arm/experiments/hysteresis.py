@@ -2,12 +2,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import List, Optional, Sequence, Tuple
+from typing import Any, List, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
 from helix_arm.experiments.figures import Figure, jackknife, of_repeats
-from helix_arm.experiments.protocol import BASE, Analysis, Course, Curve, Options, Plot, Recordings, Trial, base_shares, driven
+from helix_arm.experiments.protocol import BASE, Analysis, Course, Curve, Options, Plot, Recordings, Trial, driven
 from helix_arm.experiments.rig import Recording, Rig
 from helix_arm.scene import Scene
 
@@ -27,8 +27,8 @@ def plan(rig: Rig, scene: Scene, options: Options) -> List[Trial]:
     """Triangles of the pressure: a cycle that conditions, then the repeats, slowly and four times as fast."""
     repeats, slow, trials = options.repeats or REPEATS, options.hold_s or SLOW_S, []
     for actuator in options.actuators:
-        course, count = Course(rig), len(rig.limits_pa)
-        low, high = (course.share(base_shares(count, actuator, share)) for share in (BASE, TOP))
+        course = Course(rig)
+        low, high = course.drive(actuator, BASE), course.drive(actuator, TOP)
         course.go(low).hold(2 * options.settle_s)
         for period in (slow, slow * FAST_S / SLOW_S):
             cycles_course(course, low, high, repeats + 1, period)
@@ -112,19 +112,15 @@ def cycles_of(recording: Recording) -> List[Cycle]:
         nodes = least + NODES * (most - least)
         stroke = float((up_s[-1] + down_s[0] - up_s[0] - down_s[-1]) / 2)
         half = float((up_s[-1] + down_s[0] + up_s[0] + down_s[-1]) / 4)
-        gap = _at(up_s, up_p, half) - _at(down_s, down_p, half)
+        gap = float(_over(up_s, up_p, half) - _over(down_s, down_p, half))
         out.append(Cycle(nodes, _over(up_p, up_s, nodes), _over(down_p, down_s, nodes), stroke, gap,
                          2 * float(np.ptp(command[begin:end])) / (time[end] - time[begin]), time[end] - time[begin]))
     return out
 
 
-def _over(x: np.ndarray, y: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+def _over(x: np.ndarray, y: np.ndarray, wanted: Union[float, np.ndarray]) -> Any:
     order = np.argsort(x)
     return np.interp(wanted, x[order], y[order])
-
-
-def _at(x: np.ndarray, y: np.ndarray, wanted: float) -> float:
-    return float(_over(x, y, np.array([wanted]))[0])
 
 
 def loop_width(cycles: Sequence[Cycle]) -> Tuple[float, float]:
@@ -146,13 +142,15 @@ def analyse(recordings: Recordings, names: Sequence[str], scene: Optional[Scene]
             rates[-1].append(cycle)
         rates = sorted((one[1:] for one in rates if len(one) > 2), key=lambda one: one[0].rate)
         if not rates:
-            out.figures.append(Figure.unknown(f"{name} loop width", "H", "%", f"fewer than two cycles after the first one in {trial}."))
+            why = f"fewer than two cycles after the first one in {trial}."
+            out.figures.append(Figure.unknown(f"{name} loop width", "H", "%", why))
             continue
         for cycles in rates:
             out.figures.append(Figure(
                 f"{name} loop width at {cycles[0].period:.3g} s", "H", *loop_width(cycles), "%",
                 "Largest difference of the tip, along the chord of its motion, between falling and rising pressure, from 20 to 80 % "
-                "of the range of the measured pressure, in parts of the stroke (hysteresis error of IEC 61298-2, with dead band); jackknife over the cycles."))
+                "of the range of the measured pressure, in parts of the stroke (hysteresis error of IEC 61298-2, with dead band); "
+                "jackknife over the cycles."))
         out.figures.append(Figure(f"{name} stroke", "S", *of_repeats([1e3 * one.stroke for one in rates[0]]), "mm",
                                   "Distance of the tip between the ends of the slow cycle, along the chord; scatter of the cycles."))
         out.figures += _play_and_lag(name, rates)

@@ -127,18 +127,18 @@ def analyse_payload(recordings: Recordings, names: Sequence[str], scene: Optiona
         out.figures.append(Figure.unknown("shift by a payload", "dx", "mm/50 g", "there are no two repeats of two masses or more."))
     else:
         ways = np.array([[one[mass] - one[masses[0]] for mass in masses[1:]] for one in whole])
-        shifts = []
+        shifts, hung_g = [], np.array(masses[1:], float)
         for i in range(len(ways)):
             # The other repeats tell the direction, so that noise does not lengthen the way.
             others = np.delete(ways, i, 0).mean(axis=0)[-1]
             along = ways[i] @ (others / np.linalg.norm(others))
-            loads = np.array(masses[1:], float) - masses[0]
+            loads = hung_g - masses[0]
             shifts.append(1e3 * 50 * float(along @ loads / (loads @ loads)))
         out.figures.append(Figure("shift by a payload", "dx", *of_repeats(shifts), "mm/50 g",
-                                  f"Slope of the tip's way over the hung mass, up to {masses[-1]} g, in the middle pose; scatter of the repeats."))
-        loads = np.array(masses[1:], float)
+                                  f"Slope of the tip's way over the hung mass, up to {masses[-1]} g, in the middle pose; scatter of "
+                                  "the repeats."))
         out.plots.append(Plot("Tip shift by payload", "mass [g]", "shift [mm]", [Curve(
-            np.append(0, loads), np.append(0, 1e3 * np.linalg.norm(ways.mean(axis=0), axis=1)), "", "o-")]))
+            np.append(0, hung_g), np.append(0, 1e3 * np.linalg.norm(ways.mean(axis=0), axis=1)), "", "o-")]))
     for word, text in (("untold", "by pressures of the model without it"), ("told", "by those of the model that is told of it")):
         values = [1e3 * float(np.sqrt(np.mean(np.square(one)))) for (model, _), one in errors.items() if model == word]
         if len(values) > 1:

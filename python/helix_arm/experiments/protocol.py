@@ -91,6 +91,10 @@ class Course:
         """(n) [Pa] at shares (n) of the ranges."""
         return self._limits[:, 0] + shares * (self._limits[:, 1] - self._limits[:, 0])
 
+    def drive(self, actuator: int, share: float) -> np.ndarray:
+        """(n) [Pa] with one actuator at a share of its range, and the others at BASE."""
+        return self.share(np.where(np.arange(len(self._limits)) == actuator, share, BASE))
+
     def go(self, pressure_pa: np.ndarray, least_s: float = 0.0) -> "Course":
         """In a straight line, at the slew rate or in least_s, if that is longer."""
         if np.any(pressure_pa < self._limits[:, 0] - 1e-6) or np.any(pressure_pa > self._limits[:, 1] + 1e-6):
@@ -121,13 +125,6 @@ class Course:
         self._times.append(self._times[-1] + time_s)
         self._points.append(np.clip(pressure_pa, *self._limits.T))
         return self
-
-
-def base_shares(count: int, actuator: int, share: float) -> np.ndarray:
-    """(count) BASE of all ranges except one."""
-    out = np.full(count, BASE)
-    out[actuator] = share
-    return out
 
 
 def driven(recording: Recording) -> Tuple[int, np.ndarray]:

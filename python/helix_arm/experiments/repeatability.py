@@ -167,7 +167,8 @@ def path_figures(trial: str, recording: Recording, scene: Optional[Scene]) -> Li
         return [Figure.unknown("path accuracy", "AT", "mm", "fewer than three whole turns are seen.")]
     attained, points = attained[:, known], points[known]
     return [_figure("path accuracy", "AT", bootstrap(attained, lambda some: iso9283.path_accuracy(some, points)),
-                    f"Largest distance of the mean path from the commanded circle (ISO 9283, 8.2), {len(attained)} turns of {told[1]} s"),
+                    f"Largest distance of the mean path from the commanded circle (ISO 9283, 8.2), {len(attained)} turns of "
+                    f"{told[1]} s"),
             _figure("path repeatability", "RT", bootstrap(attained, iso9283.path_repeatability),
                     "Largest mean distance from the mean path plus three standard deviations (ISO 9283, 8.3)")]
 

@@ -68,7 +68,8 @@ class Rig(Protocol):
     """An arm that can be driven and measured.
 
     origin: which rig it is, in one line: two that differ in what they measure differ in it. limits_pa: (n, 2) gauge [Pa].
-    slew_pa_s: highest rate of the targets [Pa/s]. rate_hz: pictures per second in which the tip is seen. hangs: whether hang() works.
+    slew_pa_s: highest rate of the targets [Pa/s]. rate_hz: pictures per second in which the tip is seen. hangs: whether
+    hang() works.
     """
 
     origin: str
@@ -152,7 +153,8 @@ def lines_of(trial: str, rows: np.ndarray) -> str:
 def read_series(path: Path, actuators: int) -> Dict[str, Recording]:
     """The trials of a series by their names, in the file's order: that of a rig, or another one with measured pressures and tips.
 
-    Targets that the file lacks are NaN; a pressure that it lacks is 0, as in all data sets. Raises ValueError naming file, line and rule.
+    Targets that the file lacks are NaN; a pressure that it lacks is 0, as in all data sets. Raises ValueError naming file, line
+    and rule.
     """
     trials: Dict[str, List[List[float]]] = {}
     with open(path, encoding="utf-8", newline="") as file:
@@ -160,7 +162,8 @@ def read_series(path: Path, actuators: int) -> Dict[str, Recording]:
         names = table.fieldnames or []
         for column in ("time_s", "x_m", "y_m", "z_m"):
             if column not in names:
-                raise ValueError(f"{path} has no column {column}; expected those of a series of the tip: {', '.join(columns(actuators))}")
+                expected = ", ".join(columns(actuators))
+                raise ValueError(f"{path} has no column {column}; expected those of a series of the tip: {expected}")
         for row in table:
             try:
                 trials.setdefault(row.get("trial") or "1", []).append(_numbers(row, actuators))

@@ -154,7 +154,8 @@ def measure_all(scene: Scene, rig: Rig, out: Path, options: Options, stop: Calla
             break
         if name == "step":
             options = Options(options.actuators, options.repeats, options.hold_s, settle_of(results[-1]))
-    both = Analysis([one for result in results for one in result.figures], [one for result in results for one in result.analysis.plots])
+    both = Analysis([one for result in results for one in result.figures],
+                    [one for result in results for one in result.analysis.plots])
     write(ALL, both, scene, rig.origin, out, results[-1].ended)
     return results
 

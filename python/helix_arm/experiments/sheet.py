@@ -30,6 +30,10 @@ def write(path: Path, content: Callable[[IO[bytes]], Any]) -> None:
         part.unlink(missing_ok=True)
 
 
+def title_of(header: List[Tuple[str, str]]) -> str:
+    return f"Data sheet of {dict(header).get('scene', 'recordings')}"
+
+
 def value_text(figure: Figure) -> str:
     """As in "1.234 +- 0.012 mm": two digits of the error."""
     if figure.value is None or figure.standard_error is None:
@@ -73,7 +77,7 @@ def _figure(width: float, height: float) -> Any:
 
 def _table_page(header: List[Tuple[str, str]], analysis: Analysis) -> Any:
     page = _figure(*PAGE)
-    page.text(0.07, 0.955, f"Data sheet of {dict(header).get('scene', 'recordings')}", fontsize=15)
+    page.text(0.07, 0.955, title_of(header), fontsize=15)
     for i, (name, text) in enumerate(header):
         page.text(0.07, 0.93 - 0.015 * i, name, fontsize=7, color="#555555")
         page.text(0.25, 0.93 - 0.015 * i, text[:110], fontsize=7)
@@ -85,7 +89,8 @@ def _table_page(header: List[Tuple[str, str]], analysis: Analysis) -> Any:
     for i, one in enumerate(rows):
         left, up = 0.07 + 0.45 * (i // long), top - height * (i % long)
         page.text(left, up, one.name, fontsize=size)
-        page.text(left + 0.42, up, value_text(one), fontsize=size, ha="right", color="#000000" if one.value is not None else "#999999")
+        colour = "#999999" if one.value is None else "#000000"
+        page.text(left + 0.42, up, value_text(one), fontsize=size, ha="right", color=colour)
     left_out = len(analysis.figures) - len(rows)
     page.text(0.07, 0.035, NOTE + (f"; {left_out} more figures are in the JSON" if left_out else ""), fontsize=6)
     return page
@@ -104,7 +109,7 @@ def _plot_page(analysis: Analysis) -> Any:
 
 def pdf_of(header: List[Tuple[str, str]], analysis: Analysis, file: IO[bytes]) -> None:
     from matplotlib.backends.backend_pdf import PdfPages
-    with PdfPages(file, metadata={"Title": f"Data sheet of {dict(header).get('scene', 'recordings')}", "Creator": "helix_arm"}) as pages:
+    with PdfPages(file, metadata={"Title": title_of(header), "Creator": "helix_arm"}) as pages:
         pages.savefig(_table_page(header, analysis))
         pages.savefig(_plot_page(analysis))
 
@@ -113,7 +118,7 @@ def html_of(header: List[Tuple[str, str]], analysis: Analysis) -> str:
     """One file, with its pictures."""
     text = ["<!DOCTYPE html><html lang=en><meta charset=utf-8><title>Data sheet</title><style>body{font:14px sans-serif;max-width:70em;"
             "margin:2em auto}td,th{padding:.1em .8em;text-align:left;vertical-align:top}td.n{text-align:right;white-space:nowrap}"
-            "img{width:32%}small{color:#555}</style>", f"<h1>Data sheet of {html.escape(dict(header).get('scene', 'recordings'))}</h1><table>"]
+            "img{width:32%}small{color:#555}</style>", f"<h1>{html.escape(title_of(header))}</h1><table>"]
     text += [f"<tr><th>{html.escape(name)}<td>{html.escape(value)}" for name, value in header]
     text.append("</table><h2>Figures</h2><table><tr><th>figure<th>symbol<th>value<th>definition")
     for one in analysis.figures:
@@ -125,5 +130,6 @@ def html_of(header: List[Tuple[str, str]], analysis: Analysis) -> str:
         _draw(drawing.add_subplot(1, 1, 1), plot, 8)
         drawing.tight_layout()
         drawing.savefig(picture, format="png", dpi=110)
-        text.append(f"<img alt=\"{html.escape(plot.title)}\" src=\"data:image/png;base64,{base64.b64encode(picture.getvalue()).decode()}\">")
+        content = base64.b64encode(picture.getvalue()).decode()
+        text.append(f"<img alt=\"{html.escape(plot.title)}\" src=\"data:image/png;base64,{content}\">")
     return "\n".join(text) + "</html>\n"

@@ -8,7 +8,7 @@ import numpy as np
 
 from helix_arm import _core
 from helix_arm.experiments.figures import NORMAL, Figure, correlated_mean, jackknife
-from helix_arm.experiments.protocol import BASE, Analysis, Course, Curve, Options, Plot, Recordings, Trial, base_shares, driven
+from helix_arm.experiments.protocol import BASE, Analysis, Course, Curve, Options, Plot, Recordings, Trial, driven
 from helix_arm.experiments.rig import Recording, Rig
 from helix_arm.scene import Scene
 
@@ -26,8 +26,8 @@ def plan(rig: Rig, scene: Scene, options: Options) -> List[Trial]:
     sample the response more densely than its pictures."""
     repeats, hold, trials = options.repeats or REPEATS, options.hold_s or HOLD_S, []
     for actuator in options.actuators:
-        course, count = Course(rig), len(rig.limits_pa)
-        low, high = (course.share(base_shares(count, actuator, share)) for share in (BASE, TOP))
+        course = Course(rig)
+        low, high = course.drive(actuator, BASE), course.drive(actuator, TOP)
         course.go(low).hold(hold)
         for repeat in range(repeats + 1):
             wait = hold + repeat / (repeats + 1) / rig.rate_hz
@@ -96,24 +96,23 @@ def response_of(time: np.ndarray, values: np.ndarray, step: Step, earlier: int) 
     return Response(time[rows] - begin, part, float(np.median(np.diff(time[rows]))))
 
 
-def _smooth(parts: Sequence[Response]) -> Tuple[np.ndarray, np.ndarray]:
-    """All readings in the order of their times, each the mean of its neighbours."""
-    time, value = (np.concatenate([getattr(one, name) for one in parts]) for name in ("time", "part"))
-    order, width = np.argsort(time, kind="stable"), 2 * len(parts) + 1
-    kernel = np.ones(width) / width
-    return np.convolve(time[order], kernel, "valid"), np.convolve(value[order], kernel, "valid")
-
-
 def _pooled(parts: Sequence[Response]) -> Tuple[np.ndarray, np.ndarray]:
+    """All readings in the order of their times."""
     time, value = (np.concatenate([getattr(one, name) for one in parts]) for name in ("time", "part"))
+    order = np.argsort(time, kind="stable")
+    return time[order], value[order]
+
+
+def _smooth(parts: Sequence[Response]) -> Tuple[np.ndarray, np.ndarray]:
+    """Each reading the mean of its neighbours."""
+    width = 2 * len(parts) + 1
+    time, value = (np.convolve(one, np.ones(width) / width, "valid") for one in _pooled(parts))
     return time, value
 
 
 def _local(parts: Sequence[Response], centres: np.ndarray, half: float) -> Tuple[np.ndarray, np.ndarray]:
     """Values at times (k,) of quadratics through the readings within half of each, at least four, and the variances about these."""
     time, value = _pooled(parts)
-    order = np.argsort(time, kind="stable")
-    time, value = time[order], value[order]
     begins, ends = np.searchsorted(time, centres - half), np.searchsorted(time, centres + half)
     lack = np.maximum(4 - (ends - begins), 0)
     begins = np.clip(begins - (lack + 1) // 2, 0, len(time) - 4)
@@ -249,7 +248,8 @@ def analyse(recordings: Recordings, names: Sequence[str], scene: Optional[Scene]
         for what in ("pressure", "tip"):
             parts = _responses(group, what)
             if len(parts) < 2:
-                out.figures.append(Figure.unknown(f"{name}, {what}", "t63", "s", "start and end are seen in fewer than two repeats."))
+                why = "start and end are seen in fewer than two repeats."
+                out.figures.append(Figure.unknown(f"{name}, {what}", "t63", "s", why))
                 continue
             out.figures += _times(name, what, parts)
             curves.append(Curve(*_smooth(parts), what))
@@ -258,7 +258,8 @@ def analyse(recordings: Recordings, names: Sequence[str], scene: Optional[Scene]
             out.figures.append(_drift(name, group))
     rings: Dict[str, List[Tuple[np.ndarray, np.ndarray]]] = {}
     for name, group in groups.items():
-        quiet = [one.value for one in out.figures if one.symbol == "t98" and one.name.startswith(name) and one.name.endswith("pressure")]
+        quiet = [one.value for one in out.figures
+                 if one.symbol == "t98" and one.name.startswith(name) and one.name.endswith("pressure")]
         for recording, actuator, step, _ in group:
             time = recording.time_s
             rows = recording.seen() & (time > time[step.begin] + max(quiet, default=0.0)) & (time <= time[step.end])
@@ -291,7 +292,7 @@ def _drift(name: str, group: Group) -> Figure:
 
 
 def _ringing(name: str, rings: List[Tuple[np.ndarray, np.ndarray]]) -> List[Figure]:
-    """rings: times and tips of releases, or after steps, once the pressure has come to its end; as helix_arm calibrate --fit mode."""
+    """rings: times and tips of releases, or after steps, once the pressure has come to its end; as of calibrate --fit mode."""
     time, tip = (np.concatenate(parts) for parts in zip(*rings))
     found = _core._ringing(time, np.zeros((len(time), 0)), tip)
     out = []
@@ -301,7 +302,7 @@ def _ringing(name: str, rings: List[Tuple[np.ndarray, np.ndarray]]) -> List[Figu
         if found["reason"]:
             out.append(Figure.unknown(f"{name} {words}", symbol, unit, found["reason"] + "."))
         else:
-            out.append(Figure(f"{name} {words}", symbol, *found[key], unit, f"Natural {words} of the slowest ringing after releases, or "
-                              "after steps once the pressure has gone 98 % of its way; a decaying sine beside an exponential, "
-                              "residuals correlated in time."))
+            out.append(Figure(f"{name} {words}", symbol, *found[key], unit,
+                              f"Natural {words} of the slowest ringing after releases, or after steps once the pressure has gone "
+                              "98 % of its way; a decaying sine beside an exponential, residuals correlated in time."))
     return out
