@@ -218,7 +218,9 @@ def make_again(program, folder, record, root, scenes):
     for text in (text for option, text in values_of(words) if option in OUTPUTS):
         (cwd / text).parent.mkdir(parents=True, exist_ok=True)
     code = run([program, *words], str(cwd), record["inputs"], folder, root, False)
-    made = [(each["copy"], mirrored(each["path"])) for each in record["outputs"]] + [("stdout.txt", root / "stdout.txt")]
+    made = [(each["copy"], mirrored(each["path"])) for each in record["outputs"]
+            if not each["copy"].endswith(".pdf")]  # a sheet, which bears its date; its figures are in a .json
+    made.append(("stdout.txt", root / "stdout.txt"))
     if "figure.png" in record["figures"]:
         made += [(name, root / name) for name in draw(program, scenes, root)]
     return code if code >= 0 else 128 - code, made

@@ -68,7 +68,8 @@ void checkArguments(const std::vector<std::string>& arguments) {
 }
 
 // What --session keeps: the same call gives the same result.
-const std::string kKept = "calibrate, commission, evaluate, fit, follow, localize, simulate";
+const std::string kKept =
+    "calibrate, commission, evaluate, experiment, fit, follow, localize, simulate";
 
 // Has the call run without --session, and kept. @throws CallerError where it is of no such kind.
 int keepSession(const std::string& name, std::string folder, std::vector<std::string> words) {
