@@ -7,14 +7,13 @@ the captures of other pressures. Prints each mistake that is not named first. Ex
 not good.
 """
 import argparse
-import csv
 import json
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
-from suspect_table import HEIGHT, WIDTH, corners, from_the_tip, pressures, tags, turned
+from suspect_table import HEIGHT, WIDTH, corners, from_the_tip, pressures, table_of, tags, turned, write_table
 
 NEW = ["--defaults", "--regulator", "festo_vtem", "--length-m", "0.3"]
 SETS = {"demo": (None, (3,)), "four": ([*NEW, "--muscles", "4"], (4,)), "two": ([*NEW, "--sections", "2"], (3, 3))}
@@ -109,12 +108,8 @@ def main():
                 rig = [word for change in [*RIG, "simulation.mounts.seed=%d" % seed] for word in ("--set", change)]
                 run("simulate", path, "--walk", "--seed", seed, "--out", walk, *rig)
                 for mistake, changes, told in HOSES + (VIEWS if len(rings) == 1 else ()):
-                    rows = csv.DictReader(line for line in open(walk / "tag_corners.csv", encoding="utf-8") if line[0] != "#")
-                    rows = mistake(list(rows), plan(rings))
-                    with open(data, "w", encoding="utf-8", newline="") as file:
-                        table = csv.DictWriter(file, rows[0].keys(), lineterminator="\n")
-                        table.writeheader()
-                        table.writerows(rows)
+                    rows = mistake(table_of(walk / "tag_corners.csv"), plan(rings))
+                    write_table(data, rows[0].keys(), rows)
                     scales = str([1.05] + [1] * (sum(rings) - 1))
                     words = [word for change in changes for word in ("--set", change.replace("%s", scales))]
                     done = run("commission", path, "--data", data, "--format", "json", "--out", out, *words)
