@@ -8,6 +8,7 @@ from typing import Callable, List, Optional, Sequence, Tuple
 import numpy as np
 from scipy import stats
 
+from helix_arm.arguments import require
 from helix_arm.experiments.figures import NORMAL, Figure, jackknife
 from helix_arm.experiments.protocol import Analysis, Course, Curve, Options, Plot, Recordings, Trial, driven
 from helix_arm.experiments.rig import Recording, Rig
@@ -86,8 +87,7 @@ def periods_of(name: str, recording: Recording) -> Tuple[np.ndarray, List[Period
     told, (actuator, target), time = re.search(PERIOD, name), driven(recording), recording.time_s
     if told is None:
         raise ValueError("the name of the trial does not end in its period, as in \"muscle_1 period 20 s\"")
-    if not np.isfinite(recording.target_pa).all():
-        raise ValueError("the commanded pressures are not recorded")
+    require(bool(np.isfinite(recording.target_pa).all()), "the commanded pressures are not recorded")
     period, third = float(told[1]), len(time) // 3
     inside = np.flatnonzero(target >= target[third:2 * third].min())  # not on the way from and to vented
     end, rate = time[inside[-1]] - END_S, 1 / float(np.median(np.diff(time[recording.seen()])))
@@ -95,8 +95,7 @@ def periods_of(name: str, recording: Recording) -> Tuple[np.ndarray, List[Period
     pauses = np.flatnonzero(np.diff(time[moves]) > PAUSE_S)
     begin = time[moves[pauses[-1] + 1] if len(pauses) else moves[0]]
     count = int((end - begin - SETTLED * period) / period)
-    if count < 2:
-        raise ValueError("there are fewer than two whole periods after the first one")
+    require(count >= 2, "there are fewer than two whole periods after the first one")
     harmonics = np.arange(1, int(min(HIGHEST_HZ, rate / 3) * period) + 1)
     last = (time > end - period) & (time <= end)
     amplitude = np.abs(_amplitudes(time[last], target[last, None], harmonics / period)[0][:, 0])
