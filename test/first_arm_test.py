@@ -2,9 +2,11 @@
 """Follows docs/first_arm.md: runs its commands in order, in an empty folder, and looks at what they leave behind.
 
 Blocks with the info string "sh" are run line by line, "sh terminal" in the background until the next <!-- end --> or, if their
-command has the word, <!-- end WORD -->, "sh webcam" not at all. rviz is left out. With --self-test, commands of the page are damaged one by one, and each damage has to be noticed.
+command has the word, <!-- end WORD -->, "sh webcam" not at all. rviz is left out. With --self-test, commands of the page are
+damaged one by one, and each damage has to be noticed.
 """
 import argparse
+import itertools
 import json
 import math
 import re
@@ -148,12 +150,7 @@ def expect_ros(reader, command):
 
 def without_ros(steps):
     """The steps of the sections before the first roslaunch, and the emulation."""
-    kept = []
-    for kind, line in steps:
-        if line.startswith("roslaunch"):
-            break
-        kept.append((kind, line))
-    return kept + [("end", "")]
+    return [*itertools.takewhile(lambda step: not step[1].startswith("roslaunch"), steps), ("end", "")]
 
 
 def follow(steps, arguments, ros):

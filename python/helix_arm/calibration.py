@@ -50,13 +50,9 @@ def fill(out: Any, found: Dict[str, Any], path: str) -> None:
     out.held_out_error = known(found["held_out_error"])
     out.tip_error_before, out.tip_error_after = known(found["tip_error_before_m"]), known(found["tip_error_after_m"])
     out.out = path if found["success"] and found["scene_text"] else ""
-    for one in found["parameters"]:
-        out.names.append(one["name"])
-        out.units.append(one["unit"])
-        out.initial.append(one["initial"])
-        out.values.append(one["value"])
-        out.standard_errors.append(known(one["standard_error"]))
-        out.identifiable.append(bool(one["identifiable"]))
+    for field, key, kind in (("names", "name", str), ("units", "unit", str), ("initial", "initial", float), ("values", "value", float),
+                             ("standard_errors", "standard_error", known), ("identifiable", "identifiable", bool)):
+        setattr(out, field, [kind(one[key]) for one in found["parameters"]])
     if found["response_rms_m"] is not None:
         out.rms, out.error_unit = found["response_rms_m"], "m"
     if found["rms"] is not None:

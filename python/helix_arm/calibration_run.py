@@ -7,6 +7,8 @@ from typing import Any, Optional
 
 import numpy as np
 
+from helix_arm.arguments import require
+
 SAME_PRESSURE = 1.0  # commands are rounded in messages [Pa]
 LONGEST_STEP = 0.1  # after a pause of the caller, a ramp continues without a jump [s]
 MOST_CAPTURES = 5
@@ -37,12 +39,11 @@ class RunRules:
 
     def validate(self) -> None:
         """Raises ValueError naming the value and its rule."""
-        if not 1 <= self.captures <= MOST_CAPTURES:
-            raise ValueError(f"a calibration run: captures is {self.captures}; expected 1 to {MOST_CAPTURES} per pressure")
+        require(1 <= self.captures <= MOST_CAPTURES,
+                f"a calibration run: captures is {self.captures}; expected 1 to {MOST_CAPTURES} per pressure")
         for name in ("ramp", "patience"):
             value = getattr(self, name)
-            if not 0 < value < math.inf:
-                raise ValueError(f"a calibration run: {name} is {value:g}; expected a finite value > 0")
+            require(0 < value < math.inf, f"a calibration run: {name} is {value:g}; expected a finite value > 0")
 
 
 @dataclasses.dataclass
@@ -64,13 +65,11 @@ class CalibrationRun:
 
     def __init__(self, plan: np.ndarray, start: np.ndarray, rest: np.ndarray, rules: RunRules) -> None:
         rules.validate()
-        if len(plan) < 1:
-            raise ValueError("a calibration run without steps; expected at least one")
-        if not plan.shape[1] == len(start) == len(rest):
-            raise ValueError(f"a plan of {plan.shape[1]} actuators, from {len(start)} pressures to {len(rest)}; expected those of "
-                             "one arm")
-        if not all(np.isfinite(pressures).all() for pressures in (plan, start, rest)):
-            raise ValueError("a calibration run with pressures that are not finite")
+        require(len(plan) > 0, "a calibration run without steps; expected at least one")
+        require(plan.shape[1] == len(start) == len(rest), f"a plan of {plan.shape[1]} actuators, from {len(start)} pressures to "
+                f"{len(rest)}; expected those of one arm")
+        require(all(np.isfinite(pressures).all() for pressures in (plan, start, rest)),
+                "a calibration run with pressures that are not finite")
         self._plan, self._pressure, self._rest, self._rules = plan, start, rest, rules
         self.phase = RAMPING
         self.verdict, self.reason = COMPLETED, ""  # valid once it is returning or has ended

@@ -7,6 +7,7 @@ import pathlib
 from typing import Mapping, Optional, Sequence
 
 from helix_arm import _core
+from helix_arm.arguments import require
 
 LONGEST_PATH = 300  # in a message
 RECORDED, RECORDED_RUN = "recorded of scene ", "recorded run of "  # after "# ", the begin of a table of this package
@@ -34,8 +35,7 @@ class FileAccess:
 
     def to_read(self, what: str, given: str, *endings: str) -> str:
         path = self._resolved(what, given, endings)
-        if not os.path.isfile(path):
-            raise ValueError(f"{what} is '{quoted(given, LONGEST_PATH)}', which is not a regular file")
+        require(os.path.isfile(path), f"{what} is '{quoted(given, LONGEST_PATH)}', which is not a regular file")
         return path
 
     def to_write(self, what: str, given: str, *endings: str) -> str:
@@ -44,15 +44,14 @@ class FileAccess:
         named = f"{what} is '{quoted(given, LONGEST_PATH)}'"
         dangles = os.path.islink(given) and not os.path.exists(given)
         if os.path.lexists(path) or dangles:
-            if not os.path.isfile(path) or not _is_ours(path):
-                raise ValueError(f"{named}, which exists and was not written by this package as a calibrated scene, recorded "
-                                 "samples, a recorded run or its figure; expected a new name, or that of one of these")
-            if not os.access(path, os.W_OK):
-                raise ValueError(f"{named}, which cannot be overwritten; expected another path")
+            require(os.path.isfile(path) and _is_ours(path),
+                    f"{named}, which exists and was not written by this package as a calibrated scene, recorded samples, a recorded "
+                    "run or its figure; expected a new name, or that of one of these")
+            require(os.access(path, os.W_OK), f"{named}, which cannot be overwritten; expected another path")
         folder = os.path.dirname(path)
-        if not os.access(folder, os.W_OK):
-            why = os.strerror(errno.EACCES if os.path.isdir(folder) else errno.ENOENT)
-            raise ValueError(f"{named}, but {folder} cannot be written ({why}); expected a path in a folder that can")
+        why = os.strerror(errno.EACCES if os.path.isdir(folder) else errno.ENOENT)
+        require(os.access(folder, os.W_OK),
+                f"{named}, but {folder} cannot be written ({why}); expected a path in a folder that can")
         return path
 
     def folder(self, what: str, given: str) -> str:
@@ -65,10 +64,10 @@ class FileAccess:
         path = os.path.realpath(given) if is_line else ""
         above = {str(folder) for folder in pathlib.Path(path).parents}
         is_below = not self._folders or bool(above & {os.path.realpath(folder) for folder in self._folders.values()})
-        if not (given.startswith("/") and is_line and is_below and os.path.splitext(path)[1] in endings):
-            below = " or ".join(f"{path} ({parameter})" for parameter, path in self._folders.items())
-            raise ValueError(f"{what} is '{quoted(given, LONGEST_PATH)}'; expected the absolute path of a {' or '.join(endings)} "
-                             f"file{' below ' if below else ''}{below}")
+        below = " or ".join(f"{path} ({parameter})" for parameter, path in self._folders.items())
+        require(given.startswith("/") and is_line and is_below and os.path.splitext(path)[1] in endings,
+                f"{what} is '{quoted(given, LONGEST_PATH)}'; expected the absolute path of a {' or '.join(endings)} "
+                f"file{' below ' if below else ''}{below}")
         return path
 
 

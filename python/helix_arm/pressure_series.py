@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import rospy
 
-from helix_arm.msg import PressureArray, TargetStatus
+from helix_arm.arguments import require
 from helix_arm.file_access import quoted
+from helix_arm.msg import PressureArray, TargetStatus
 from helix_arm.node import DONE, FAILED, LONGEST_MESSAGE, FaultCount, Node, Parameters, end, listen, log, run
 from helix_arm.rest_request import PATIENCE, CommandTrace, request_rest
 from helix_arm.scene import Scene
@@ -31,11 +32,9 @@ class SeriesPlayer:
     """
 
     def __init__(self, rows: np.ndarray, ramp: float, hold: float, loop: bool) -> None:
-        if len(rows) < 1:
-            raise ValueError("a series without rows; expected at least one")
-        if not (ramp >= 0 and hold >= 0 and 0 < ramp + hold < math.inf):
-            raise ValueError(f"a series with a ramp of {ramp:f} s and a hold of {hold:f} s; expected finite values >= 0, not "
-                             "both 0")
+        require(len(rows) > 0, "a series without rows; expected at least one")
+        require(ramp >= 0 and hold >= 0 and 0 < ramp + hold < math.inf,
+                f"a series with a ramp of {ramp:f} s and a hold of {hold:f} s; expected finite values >= 0, not both 0")
         self.rows, self._ramp, self._hold, self._loop = rows, ramp, hold, loop
         self.row = 0  # that is reached or held
         self.finished = False  # after the hold of the last row
@@ -144,8 +143,7 @@ class PressureSeries(Node):
         rows, without, faults = self._scene._series(data)
         if without:
             log.warning(f"{data} has no column for {', '.join(without)}: they stay at 0; is it for another arm?")
-        if faults:
-            raise ValueError(faults)
+        require(not faults, faults)
         return rows
 
     def _on_command(self, message: PressureArray) -> None:

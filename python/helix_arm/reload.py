@@ -6,6 +6,7 @@ from typing import Callable
 import rospy
 
 from helix_arm import Scene, _core
+from helix_arm.arguments import require
 from helix_arm.file_access import FileAccess, quoted
 from helix_arm.node import log
 from helix_arm.srv import Reload, ReloadRequest, ReloadResponse
@@ -32,9 +33,8 @@ class ReloadServer:
         shipped, _ = _core._shipped(SCENES, ".yaml")
         if "/" not in given and "." not in given:
             return os.path.join(shipped, given + ".yaml")
-        if not given.startswith("/"):
-            raise ValueError(f"scene is '{quoted(given)}'; expected an absolute path, or the name of a file in {SCENES} of the "
-                             "package")
+        require(given.startswith("/"),
+                f"scene is '{quoted(given)}'; expected an absolute path, or the name of a file in {SCENES} of the package")
         access = FileAccess({"~scene_folder": self._folder, "the package's own": shipped})
         return access.to_read("scene", given, ".yaml")
 

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent.parent / "examples"))
 import plant  # noqa: E402
@@ -68,17 +69,6 @@ def tangent(g):
     return out
 
 
-def quaternions(R):
-    """Of rotations in rows."""
-    r = np.moveaxis(R, 0, 2)
-    K = np.array([
-        [r[0, 0] - r[1, 1] - r[2, 2], r[1, 0] + r[0, 1], r[2, 0] + r[0, 2], r[2, 1] - r[1, 2]],
-        [r[1, 0] + r[0, 1], r[1, 1] - r[0, 0] - r[2, 2], r[2, 1] + r[1, 2], r[0, 2] - r[2, 0]],
-        [r[2, 0] + r[0, 2], r[2, 1] + r[1, 2], r[2, 2] - r[0, 0] - r[1, 1], r[1, 0] - r[0, 1]],
-        [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], r[0, 0] + r[1, 1] + r[2, 2]]])
-    return np.linalg.eigh(np.moveaxis(K, 2, 0))[1][:, :, -1]
-
-
 class Arm:
     def __init__(self, frequency_hz, damping, lag_s):
         self.lag = lag_s
@@ -87,11 +77,8 @@ class Arm:
         self.inverse_ad = []
         for i in range(3):
             th = 2 * math.pi * i / 3
-            cx, sx = math.cos(th - math.pi / 2), math.sin(th - math.pi / 2)
-            Rx = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
-            cz, sz = math.cos(-TILT), math.sin(-TILT)
-            Rz = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
-            self.inverse_ad.append(np.linalg.inv(adjoint(Rx @ Rz, RADIUS * np.array([0, math.cos(th), math.sin(th)]))))
+            turn = Rotation.from_euler("XZ", [th - math.pi / 2, -TILT]).as_matrix()
+            self.inverse_ad.append(np.linalg.inv(adjoint(turn, RADIUS * np.array([0, math.cos(th), math.sin(th)]))))
         self.K = np.diag(STIFFNESS)
         self.inertia = np.diag([MASS_KG / N] * 3 + [MASS_KG / N * DISC_M**2 / 2] + [MASS_KG / N * DISC_M**2 / 4] * 2)
         self.lagged = np.zeros(3)
@@ -169,7 +156,7 @@ class Arm:
         j = np.minimum(s.astype(int), N - 1)
         E, e = exponential(self.q.reshape(N, 6)[j] * (s - j)[:, None])
         R, p = (np.array(of_disc)[j] for of_disc in self.bodies(self.q)[:2])
-        found = zip((p + (R @ e[..., None])[..., 0]).tolist(), quaternions(R @ E).tolist())
+        found = zip((p + (R @ e[..., None])[..., 0]).tolist(), Rotation.from_matrix(R @ E).as_quat().tolist())
         return [{"position_m": place, "quaternion_xyzw": turn} for place, turn in found]
 
 

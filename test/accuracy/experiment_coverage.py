@@ -109,13 +109,11 @@ def step_truth(rig, trials):
                     start = values[(time > time[row] - 1) & (time <= time[row])].mean(axis=0)
                     final = values[(time > time[end] - 0.2 * held) & (time <= time[end])].mean(axis=0)
                     part = (values[row:end + 1] - start) @ (final - start) / np.sum((final - start) ** 2)
-                    for symbol, level in (("t5", 0.05), ("t63", 0.63), ("t90", 0.9), ("t98", 0.98)):
+                    for words, level in (("dead time", 0.05), ("63 % time", 0.63), ("90 % time", 0.9), ("98 % time", 0.98)):
                         k = int(np.argmax(part >= level))
-                        found.setdefault((symbol, what), []).append(STEP_S * (k - (part[k] - level) / (part[k] - part[k - 1])))
-                    found.setdefault(("o", what), []).append(100 * (part[:int(0.8 * len(part))].max() - 1))
-            for (symbol, what), values in found.items():
-                words = {"t5": "dead time", "t63": "63 % time", "t90": "90 % time", "t98": "98 % time", "o": "overshoot"}[symbol]
-                out[f"{name} {way} {words}, {what}"] = np.mean(values)
+                        found.setdefault((words, what), []).append(STEP_S * (k - (part[k] - level) / (part[k] - part[k - 1])))
+                    found.setdefault(("overshoot", what), []).append(100 * (part[:int(0.8 * len(part))].max() - 1))
+            out.update({f"{name} {way} {words}, {what}": np.mean(values) for (words, what), values in found.items()})
         out[f"{name} frequency"], out[f"{name} damping ratio"] = rig.frequency, rig.damping
     return out
 
@@ -156,15 +154,13 @@ def noise_free_truth(name):
 def repeatability_truth(rig, trials):
     """Means over many experiments that differ in the valve and in the noise alone."""
     scene, found = Scene.load("demo"), {}
-    (recording, true), draws = trials["poses"], 300
+    (_, true), draws, drawn = trials["poses"], 300, []
     poses, r = attained_of(true), np.random.default_rng(5)
-    spread = []
     for target, tips in poses.values():
         slope = np.array([rig.tips(target[None] + 100 * e)[0] - rig.tips(target[None])[0] for e in np.eye(3)]).T / 100
         still = rig.valve * slope * (1 - rig.creep)
-        count = 30 * (1 - rig.unseen)
-        spread.append((tips, r.standard_normal((draws, *tips.shape)) @ still.T + rig.noise_m / np.sqrt(count) * r.standard_normal((draws, *tips.shape))))
-    drawn = [tips + noise for tips, noise in spread]
+        valve, noise = r.standard_normal((2, draws, *tips.shape))
+        drawn.append(tips + (valve @ still.T + rig.noise_m / np.sqrt(30 * (1 - rig.unseen)) * noise))
     wanted = [scene.tips(target) for target, _ in poses.values()]
     for k, some in enumerate(drawn):
         found[f"P{k + 1} accuracy"] = np.mean([iso9283.pose_accuracy(one, wanted[k]) for one in some])

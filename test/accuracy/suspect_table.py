@@ -3,16 +3,16 @@
 
 usage: suspect_table.py --command HELIX_ARM [--seeds N] [--half] [--causes WORD..] [--sets K..] [--out FILE]
 The arms: the demo's helical one, a planar one, one of two sections, a tapered one, and a soft one that sags by its weight; the true
-ones bend less, are longer, and carry tags that are 1 mm off. Corners come from rendered pictures and get 0.3 px of noise; tag poses have 10 mm. Pressures are off
-by up to 4 kPa of play. Prints for every mistake and data set how often its cause came first, and second at worst; FILE gets the
-table. Exits with 1 if fewer than 90 % came first, or 97 % second, or if more than 1 % of the sound data have a suspect.
+ones bend less, are longer, and carry tags that are 1 mm off. Corners come from rendered pictures and get 0.3 px of noise; tag poses
+have 10 mm. Pressures are off by up to 4 kPa of play. Prints for every mistake and data set how often its cause came first, and second
+at worst; FILE gets the table. Exits with 1 if fewer than 90 % came first, or 97 % second, or if more than 1 % of the sound data have a
+suspect.
 """
 import argparse
 import copy
 import csv
 import functools
 import json
-import math
 import random
 import subprocess
 import sys
@@ -50,11 +50,15 @@ def corners(change):
     return apply
 
 
+def section_of(tag, layout):
+    """Its number, and what the layout says of it."""
+    return next((k, *one) for k, one in enumerate(layout) if one[2] <= tag < one[2] + one[0] * one[1])
+
+
 def tags(change):
     """Tags are numbered along the muscles of each section. The change is one of (muscle, row), given (muscles, rows) as well."""
     def apply(row, layout):
-        muscles, rows, first = next((muscles, rows, first) for muscles, rows, first in layout
-                                    if first <= int(row["tag"]) < first + muscles * rows)
+        _, muscles, rows, first = section_of(int(row["tag"]), layout)
         muscle, place = change(*divmod(int(row["tag"]) - first, rows), muscles, rows)
         row["tag"] = str(first + muscle * rows + place)
     return apply
@@ -67,15 +71,14 @@ def resized(factor):
 
 def from_the_tip(row, layout):
     """The rows of all sections, which have as many each, are numbered from the tip."""
-    section = next(k for k, (muscles, rows, first) in enumerate(layout) if first <= int(row["tag"]) < first + muscles * rows)
-    rows = layout[section][1]
-    muscle, place = divmod(int(row["tag"]) - layout[section][2], rows)
+    section, _, rows, first = section_of(int(row["tag"]), layout)
+    muscle, place = divmod(int(row["tag"]) - first, rows)
     row["tag"] = str(layout[-1 - section][2] + muscle * rows + rows - 1 - place)
 
 
 def turned(quarters, place=None):
     def change(at, layout, tag):
-        rows, first = next((rows, first) for muscles, rows, first in layout if first <= tag < first + muscles * rows)
+        _, _, rows, first = section_of(tag, layout)
         return at[quarters:] + at[:quarters] if place is None or (tag - first) % rows == place else at
     return corners(change)
 
@@ -100,14 +103,6 @@ def ring(factor, tilt):
     return apply
 
 
-def times(factor):
-    return lambda value: factor * value
-
-
-def plus(by):
-    return lambda value: value + by
-
-
 def gravity(along_z):
     return {"load.gravity_m_s2": lambda _: [0, 0, along_z]}
 
@@ -128,21 +123,21 @@ ANYWHERE = (
     ("pressure_offset", pressures(lambda p: [p[0], p[1] + 60, *p[2:]]), {}, {}),
 )
 CORNERS = (
-    ("muscle_length", nothing, {"simulation.arm.length_scales.0": times(1.05)}, {}),
-    ("muscle_length", nothing, {"simulation.arm.length_scales.1": times(0.95)}, {}),
+    ("muscle_length", nothing, {"simulation.arm.length_scales.0": lambda one: 1.05 * one}, {}),
+    ("muscle_length", nothing, {"simulation.arm.length_scales.1": lambda one: 0.95 * one}, {}),
     ("tag_rows_exchanged", tags(lambda muscle, row, _, rows: (muscle, {1: rows - 2, rows - 2: 1}.get(row, row))), {}, {}),
     ("tag_rows_exchanged", tags(lambda muscle, row, _, rows: (muscle, {2: 3, 3: 2}.get(row, row))), {}, {}),
     ("tag_rows_reversed", from_the_tip, {}, {}),
     ("tags_mirrored", tags(lambda muscle, row, muscles, _: (-muscle % muscles, row)), {}, {}),
     ("tags_turned", turned(2), {}, {}),
     ("tags_turned", turned(1, 3), {}, {}),
-    ("tag_size", nothing, {}, {"tags.size_m": times(1.3)}),
-    ("tag_size", nothing, {}, {"tags.size_m": times(0.8)}),
+    ("tag_size", nothing, {}, {"tags.size_m": lambda one: 1.3 * one}),
+    ("tag_size", nothing, {}, {"tags.size_m": lambda one: 0.8 * one}),
     ("picture_size", resized(0.5), {}, {}),
     ("picture_size", resized(1.5), {}, {}),
     ("picture_turned", corners(lambda at, *_: [(WIDTH - 1 - x, HEIGHT - 1 - y) for x, y in at]), {}, {}),
-    ("camera_moved", nothing, {}, {"camera.position_m.0": plus(0.05)}),
-    ("camera_moved", nothing, {}, {"camera.position_m.2": plus(0.03)}),
+    ("camera_moved", nothing, {}, {"camera.position_m.0": lambda one: one + 0.05}),
+    ("camera_moved", nothing, {}, {"camera.position_m.2": lambda one: one + 0.03}),
     ("other_arm", nothing, {"arm.sections.0.ring": ring(1.7, 40)}, {}),
     ("other_arm", nothing, {"arm.sections.0.ring": ring(0.6, -50)}, {}),
 )

@@ -3,7 +3,6 @@
 
 usage: doctor_test.py --command HELIX_ARM
 """
-import importlib.util
 import json
 import os
 import subprocess
@@ -16,10 +15,10 @@ from pathlib import Path
 from unittest import mock
 from xmlrpc.server import SimpleXMLRPCRequestHandler, SimpleXMLRPCServer
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scripts"))
+import doctor  # noqa: E402
+
 COMMAND = None
-spec = importlib.util.spec_from_file_location("doctor", str(Path(__file__).resolve().parents[2] / "scripts/doctor.py"))
-doctor = importlib.util.module_from_spec(spec)
-spec.loader.exec_module(doctor)
 
 
 class Master(SimpleXMLRPCServer):

@@ -3,8 +3,6 @@
 
 usage: new_questions_test.py --command HELIX_ARM
 """
-
-import argparse
 import os
 import pty
 import select
@@ -265,14 +263,6 @@ class NewOnATerminal(unittest.TestCase):
             self.assert_nothing_written()
 
 
-def main():
-    global COMMAND
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--command", required=True)
-    arguments, rest = parser.parse_known_args()
-    COMMAND = arguments.command
-    unittest.main(argv=[sys.argv[0], *rest])
-
-
 if __name__ == "__main__":
-    main()
+    COMMAND = sys.argv[sys.argv.index("--command") + 1]
+    unittest.main(argv=sys.argv[:1])

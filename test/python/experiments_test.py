@@ -1,5 +1,4 @@
 """helix_arm.experiments: figures against closed forms and recordings of real arms; a run that is stopped, killed and resumed."""
-import argparse
 import json
 import math
 import signal
@@ -15,7 +14,7 @@ from scipy.optimize import brentq
 from helix_arm.experiments import EXPERIMENTS, Recording, iso9283, read_series
 
 DATA = Path("/work/shared/data")
-COMMAND = "helix_arm"
+COMMAND = None
 TIME = np.arange(1, 20001) / 100
 
 
@@ -25,12 +24,8 @@ def recording(target, tip, time=TIME):
     return Recording(time, target[:, None], target[:, None], tips)
 
 
-def figures(name, trials):
-    return {one.name: one for one in EXPERIMENTS[name].analyse(trials, ["m"]).figures}
-
-
-def measured(*files):
-    return figures("step", {key: one for file in files for key, one in read_series(DATA / file, 3).items()})
+def figures(name, trials, actuators=("m",)):
+    return {one.name: one for one in EXPERIMENTS[name].analyse(trials, actuators).figures}
 
 
 class ClosedFormTest(unittest.TestCase):
@@ -50,16 +45,15 @@ class ClosedFormTest(unittest.TestCase):
 
     def test_step_of_a_second_order_arm(self):
         zeta, w, target = 0.3, 4.0, np.where((TIME // 10) % 2 == 1, 2e5, 1e5)
-        tip = np.zeros(len(TIME))
+        tip, wd = np.zeros(len(TIME)), w * math.sqrt(1 - zeta**2)
         for k in range(1, 20):
             t = np.maximum(TIME - 10 * k, 0)
-            wd = w * math.sqrt(1 - zeta**2)
             tip -= (-1) ** k * (1 - np.exp(-zeta * w * t) * (np.cos(wd * t) + zeta * w / wd * np.sin(wd * t)))
         found = figures("step", {"m": recording(target, tip)})
         self.assertAlmostEqual(found["m up overshoot, tip"].value, 100 * math.exp(-math.pi * zeta / math.sqrt(1 - zeta**2)), delta=0.05)
-        wd = w * math.sqrt(1 - zeta**2)
         rest = brentq(lambda t: math.exp(-zeta * w * t) * (math.cos(wd * t) + zeta * w / wd * math.sin(wd * t)) - 0.37, 0, 1)
-        self.assertAlmostEqual(found["m up 63 % time, tip"].value, 0.01 + rest, delta=0.001)  # the last row before the step is 0.01 s earlier
+        # The last row before the step is 0.01 s earlier.
+        self.assertAlmostEqual(found["m up 63 % time, tip"].value, 0.01 + rest, delta=0.001)
         self.assertAlmostEqual(found["m frequency"].value, w / 2 / math.pi, delta=0.01)
         self.assertAlmostEqual(found["m damping ratio"].value, zeta, delta=0.01)
 
@@ -97,13 +91,13 @@ class RealArmTest(unittest.TestCase):
         self.assertLess(abs(figure.value - expected), 2 * figure.standard_error + digits, figure.name)
 
     def test_steps_of_a_three_chamber_arm(self):
-        found = {one.name: one for one in EXPERIMENTS["step"].analyse(read_series(DATA / "three_chamber_steps.csv", 3), ["1", "2", "3"]).figures}
+        found = figures("step", read_series(DATA / "three_chamber_steps.csv", 3), ["1", "2", "3"])
         self.within(found["1 up 10 to 172 kPa 63 % time, tip"], 2.9, 0.05)  # as told: to a tenth
         self.within(found["1 down 172 to 10 kPa 63 % time, tip"], 2.7, 0.05)
         self.within(found["1 up 10 to 172 kPa drift of the start"], 4.5, 0.05)
 
     def test_rings_of_a_silicone_segment(self):
-        found = {one.name: one for one in EXPERIMENTS["step"].analyse(read_series(DATA / "silicone_rings.csv", 0), []).figures}
+        found = figures("step", read_series(DATA / "silicone_rings.csv", 0), [])
         self.within(found["arm frequency"], 8.14, 0.005)
         self.within(found["arm damping ratio"], 0.084, 0.0005)
 
@@ -148,8 +142,5 @@ class RunTest(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--command", default=COMMAND)
-    known, rest = parser.parse_known_args()
-    COMMAND = known.command
-    unittest.main(argv=[sys.argv[0], *rest])
+    COMMAND = sys.argv[sys.argv.index("--command") + 1]
+    unittest.main(argv=sys.argv[:1])

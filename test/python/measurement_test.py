@@ -1,5 +1,4 @@
 """Fits, calibrations and simulated runs through the package: against the truth of simulated data."""
-import argparse
 import csv
 import pathlib
 import subprocess
@@ -10,7 +9,7 @@ import unittest
 import helix_arm
 import numpy as np
 
-ARGUMENTS = argparse.Namespace()
+COMMAND = None  # helix_arm
 CAPTURES = 6
 
 
@@ -26,7 +25,7 @@ class SimulatedRigTest(unittest.TestCase):
     def setUpClass(cls):
         cls.folder = tempfile.TemporaryDirectory()
         cls.rig = pathlib.Path(cls.folder.name) / "rig"
-        subprocess.run([ARGUMENTS.command, "simulate", helix_arm.Scene.load("demo").path, "--out", str(cls.rig),
+        subprocess.run([COMMAND, "simulate", helix_arm.Scene.load("demo").path, "--out", str(cls.rig),
                         "--count", str(CAPTURES)], check=True, capture_output=True)
         cls.scene = helix_arm.Scene.load("demo")
         cls.truth = columns_of(cls.rig / "truth.csv")
@@ -177,7 +176,5 @@ class FollowTest(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--command", required=True, help="the helix_arm command")
-    ARGUMENTS, rest = parser.parse_known_args()
-    unittest.main(argv=[sys.argv[0], *rest])
+    COMMAND = sys.argv[sys.argv.index("--command") + 1]
+    unittest.main(argv=sys.argv[:1])

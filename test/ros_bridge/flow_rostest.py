@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import rospy
 import rostest
-from geometry_msgs.msg import Pose
+from geometry_msgs.msg import Point, Pose, Quaternion
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import InteractiveMarkerFeedback, InteractiveMarkerInit, MarkerArray
 
@@ -16,7 +16,7 @@ sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "..
 from helix_arm import Scene  # noqa: E402
 from helix_arm.msg import ArmShape, ShapeTarget, TargetStatus, TipTarget  # noqa: E402
 from helix_arm.srv import Reload  # noqa: E402
-from loop_rig import place, set_place  # noqa: E402
+from loop_rig import place  # noqa: E402
 from processes import SOURCE  # noqa: E402
 from ros_case import CommanderCase  # noqa: E402
 
@@ -32,10 +32,7 @@ def numbers(tip, quaternion):
 
 
 def pose_of(tip, quaternion=(0, 0, 0, 1)):
-    out = Pose()
-    set_place(out.position, tip)
-    out.orientation.x, out.orientation.y, out.orientation.z, out.orientation.w = quaternion
-    return out
+    return Pose(Point(*tip), Quaternion(*quaternion))
 
 
 class Flow(CommanderCase):

@@ -9,14 +9,14 @@ import numpy as np
 import rospy
 import rostest
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import Point, PoseStamped
 from std_srvs.srv import SetBool
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", "support"))
 from helix_arm.msg import ArmShape, LoopStatus, SafetyState, TargetStatus  # noqa: E402
-from loop_rig import MIDDLE, Inbox, LoopRig, call, close_loop, place, set_place, target_at, wait_for  # noqa: E402
+from loop_rig import MIDDLE, Inbox, LoopRig, call, close_loop, place, target_at, wait_for  # noqa: E402
 
 
 class VisualServo(LoopRig):
@@ -91,7 +91,7 @@ class VisualServo(LoopRig):
         q, v = X_WB.rotation, np.array([X_WB.rotation.x, X_WB.rotation.y, X_WB.rotation.z])
         pose = PoseStamped()
         pose.header.frame_id = "world"
-        set_place(pose.pose.position, place(X_WB.translation) + MIDDLE + 2 * np.cross(v, q.w * MIDDLE + np.cross(v, MIDDLE)))
+        pose.pose.position = Point(*place(X_WB.translation) + MIDDLE + 2 * np.cross(v, q.w * MIDDLE + np.cross(v, MIDDLE)))
 
         def is_wanted():
             pose.header.stamp = rospy.Time.now()

@@ -7,7 +7,7 @@ import time
 import actionlib
 import numpy as np
 import rospy
-from geometry_msgs.msg import PoseStamped, Transform
+from geometry_msgs.msg import Point, PoseStamped, Quaternion, Transform, Vector3
 from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import MultiDOFJointTrajectoryPoint
 
@@ -26,27 +26,19 @@ def place(point):
     return np.array([point.x, point.y, point.z])
 
 
-def set_place(point, values):
-    point.x, point.y, point.z = values
-
-
 def target_at(values, frame=""):
     out = TipTarget(mode=TipTarget.POSITION)
     out.header.frame_id = frame
-    set_place(out.pose.position, values)
+    out.pose.position = Point(*values)
     return out
 
 
 def goal_along(places, step, **fields):
     """Along points that are this far apart in time [s], base frame [m]; held for a moment."""
-    goal = FollowTipPathGoal(goal_tolerance=0.005, hold_s=0.1)
+    goal = FollowTipPathGoal(**{"goal_tolerance": 0.005, "hold_s": 0.1, **fields})
     for k, values in enumerate(places):
-        transform = Transform()
-        set_place(transform.translation, values)
-        transform.rotation.w = 1
+        transform = Transform(Vector3(*values), Quaternion(w=1))
         goal.path.points.append(MultiDOFJointTrajectoryPoint(transforms=[transform], time_from_start=rospy.Duration(step * k)))
-    for name, value in fields.items():
-        setattr(goal, name, value)
     return goal
 
 

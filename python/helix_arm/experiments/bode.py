@@ -8,6 +8,7 @@ from typing import Callable, List, Optional, Sequence, Tuple
 import numpy as np
 from scipy import stats
 
+from helix_arm.arguments import require
 from helix_arm.experiments.figures import NORMAL, Figure, jackknife
 from helix_arm.experiments.protocol import Analysis, Course, Curve, Options, Plot, Recordings, Trial, driven
 from helix_arm.experiments.rig import Recording, Rig
@@ -63,10 +64,9 @@ def plan(rig: Rig, scene: Scene, options: Options) -> List[Trial]:
 
 @dataclass(frozen=True)
 class Period:
-    """Complex amplitudes at the lines of one period. target, reading: (L,) [Pa]; tip: (L, 3) [m]."""
+    """Complex amplitudes at the lines of one period. target: (L,) [Pa]; tip: (L, 3) [m]."""
 
     target: np.ndarray
-    reading: np.ndarray
     tip: np.ndarray
 
 
@@ -83,11 +83,10 @@ def periods_of(name: str, recording: Recording) -> Tuple[np.ndarray, List[Period
 
     Raises ValueError saying what the trial lacks.
     """
-    told, (actuator, target), time = re.search(PERIOD, name), driven(recording), recording.time_s
+    told, target, time = re.search(PERIOD, name), driven(recording)[1], recording.time_s
     if told is None:
         raise ValueError("the name of the trial does not end in its period, as in \"muscle_1 period 20 s\"")
-    if not np.isfinite(recording.target_pa).all():
-        raise ValueError("the commanded pressures are not recorded")
+    require(bool(np.isfinite(recording.target_pa).all()), "the commanded pressures are not recorded")
     period, third = float(told[1]), len(time) // 3
     inside = np.flatnonzero(target >= target[third:2 * third].min())  # not on the way from and to vented
     end, rate = time[inside[-1]] - END_S, 1 / float(np.median(np.diff(time[recording.seen()])))
@@ -95,13 +94,11 @@ def periods_of(name: str, recording: Recording) -> Tuple[np.ndarray, List[Period
     pauses = np.flatnonzero(np.diff(time[moves]) > PAUSE_S)
     begin = time[moves[pauses[-1] + 1] if len(pauses) else moves[0]]
     count = int((end - begin - SETTLED * period) / period)
-    if count < 2:
-        raise ValueError("there are fewer than two whole periods after the first one")
+    require(count >= 2, "there are fewer than two whole periods after the first one")
     harmonics = np.arange(1, int(min(HIGHEST_HZ, rate / 3) * period) + 1)
     last = (time > end - period) & (time <= end)
     amplitude = np.abs(_amplitudes(time[last], target[last, None], harmonics / period)[0][:, 0])
     frequencies = harmonics[amplitude > LEAST_LINE * amplitude.max()] / period
-    pressures = np.column_stack([target, recording.measured_pa[:, actuator]])
     parts = [(time > end - i * period) & (time <= end - (i - 1) * period) for i in range(count, 0, -1)]
     # A drift shows in the means of the periods. Fitted within each, it would take its part of the lines.
     drift = np.gradient([_amplitudes(time[rows], recording.tip_m[rows], frequencies)[1] for rows in parts], axis=0) / period
@@ -109,9 +106,9 @@ def periods_of(name: str, recording: Recording) -> Tuple[np.ndarray, List[Period
     modelled = np.union1d(frequencies, harmonics[harmonics <= DISTORTED_HZ * period] / period)
     excited, periods = np.searchsorted(modelled, frequencies), []
     for rows, slope in zip(parts, drift):
-        (driving, _), since = _amplitudes(time[rows], pressures[rows], frequencies), time[rows] - time[rows].mean()
+        driving, since = _amplitudes(time[rows], target[rows, None], frequencies)[0], time[rows] - time[rows].mean()
         moved = _amplitudes(time[rows], recording.tip_m[rows] - np.outer(since, slope), modelled)[0]
-        periods.append(Period(driving[:, 0], driving[:, 1], moved[excited]))
+        periods.append(Period(driving[:, 0], moved[excited]))
     return frequencies, periods
 
 

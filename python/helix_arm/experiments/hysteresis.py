@@ -57,7 +57,7 @@ class Cycle:
         return (self.down - self.up) / self.stroke
 
 
-def turns_of(time: np.ndarray, pressure: np.ndarray) -> List[Tuple[int, int, int]]:
+def turns_of(pressure: np.ndarray) -> List[Tuple[int, int, int]]:
     """Rows at which each cycle begins, turns at its top and ends. Between tops the pressure falls by LEAST of its range."""
     reach = LEAST * float(np.ptp(pressure))
     tops, best, rising = [], 0, True
@@ -100,7 +100,7 @@ def cycles_of(recording: Recording) -> List[Cycle]:
     actuator, command = driven(recording)
     measured, time = recording.measured_pa[:, actuator], recording.time_s
     out, chord = [], None
-    for begin, top, end in turns_of(time, command):
+    for begin, top, end in turns_of(command):
         (up_p, up_x), (down_p, down_x) = (_branch(recording, measured, slice(*ends)) for ends in ((begin, top + 1), (top, end + 1)))
         if min(len(up_p), len(down_p)) < FEWEST:
             continue

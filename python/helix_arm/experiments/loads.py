@@ -1,6 +1,7 @@
 """Stiffness of the tip and what a payload does, by forces that hang at the tip."""
 from __future__ import annotations
 
+import itertools
 import re
 from typing import Dict, List, Optional, Sequence, Tuple
 
@@ -34,13 +35,10 @@ def tip_of(recording: Recording) -> np.ndarray:
 def plan_stiffness(rig: Rig, scene: Scene, options: Options) -> List[Trial]:
     """A force to and fro along each axis of the base, at two levels of all pressures together."""
     trials = []
-    for repeat in range(options.repeats or REPEATS):
-        for level in LEVELS:
-            pressure = Course(rig).share(np.full(len(rig.limits_pa), level))
-            for axis in range(3):
-                for sign in (1, -1):
-                    name = f"{100 * level:.0f} % {'xyz'[axis]}{'+-'[sign < 0]} {repeat + 1}"
-                    trials.append(_hold(rig, pressure, options, name, sign * FORCE_N * np.eye(3)[axis]))
+    for repeat, level, axis, sign in itertools.product(range(options.repeats or REPEATS), LEVELS, range(3), (1, -1)):
+        pressure = Course(rig).share(np.full(len(rig.limits_pa), level))
+        name = f"{100 * level:.0f} % {'xyz'[axis]}{'+-'[sign < 0]} {repeat + 1}"
+        trials.append(_hold(rig, pressure, options, name, sign * FORCE_N * np.eye(3)[axis]))
     return trials
 
 

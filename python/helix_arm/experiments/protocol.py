@@ -110,10 +110,8 @@ class Course:
         rates = np.abs(np.diff(pressure_pa, axis=0, prepend=self._points[-1][None])) / np.diff(time_s, prepend=0)[:, None]
         if rates.max() > self.slew_pa_s / RATE * (1 + 1e-9):
             raise ValueError(f"inputs at {rates.max():.3g} Pa/s, faster than the slew rate of {self.slew_pa_s / RATE:.3g} Pa/s")
-        begin = self._times[-1]
-        for time, pressure in zip(time_s, pressure_pa):
-            self._times.append(begin + float(time))
-            self._points.append(pressure)
+        self._times += [self._times[-1] + float(time) for time in time_s]
+        self._points += list(pressure_pa)
         return self
 
     def inputs(self) -> Inputs:

@@ -138,12 +138,9 @@ def crossings(time: np.ndarray, tips: np.ndarray, commanded: np.ndarray, period:
     centre = (last.max(axis=0) + last.min(axis=0)) / 2
     axes = np.linalg.svd(last - last.mean(axis=0), full_matrices=False)[2][:2]
 
-    def places(positions: np.ndarray) -> np.ndarray:
-        angle = np.arctan2(*((positions - centre) @ axes.T).T[::-1])
-        return np.minimum(((angle / (2 * np.pi) % 1) * POINTS).astype(int), POINTS - 1)
-
     def means(positions: np.ndarray) -> np.ndarray:
-        at = places(positions)
+        angle = np.arctan2(*((positions - centre) @ axes.T).T[::-1])
+        at = np.minimum(((angle / (2 * np.pi) % 1) * POINTS).astype(int), POINTS - 1)
         return np.array([positions[at == i].mean(axis=0) if np.any(at == i) else np.full(3, np.nan) for i in range(POINTS)])
 
     turns = [means(tips[(time > time[-1] - (k + 1) * period) & (time <= time[-1] - k * period)])

@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 import csv
-import io
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
@@ -142,12 +141,12 @@ def columns(actuators: int) -> List[str]:
 
 def lines_of(trial: str, rows: np.ndarray) -> str:
     """Lines of CSV of rows as a RowSink gets them."""
-    text = io.StringIO()
+    lines = []
     for row in rows:
         seen = bool(np.isfinite(row[-3:]).all())
         cells = [f"{row[0]:.4f}", *(f"{1e-3 * p:.4f}" for p in row[1:-3]), *(f"{x:.8f}" if seen else "0" for x in row[-3:])]
-        text.write(",".join([trial, *cells, str(int(seen))]) + "\n")
-    return text.getvalue()
+        lines.append(",".join([trial, *cells, str(int(seen))]) + "\n")
+    return "".join(lines)
 
 
 def read_series(path: Path, actuators: int) -> Dict[str, Recording]:
