@@ -13,20 +13,14 @@ SAME_PRESSURE = 1.0  # commands are rounded in messages [Pa]
 LONGEST_STEP = 0.1  # after a pause of the caller, a ramp continues without a jump [s]
 MOST_CAPTURES = 5
 
-# Phases.
 RAMPING = "ramping"  # to the pressures of the step
 SETTLING = "settling"  # waiting until they and the shape are at rest, then taking captures
 RETURNING = "returning"  # down to rest
 ENDED = "ended"
 
-# Verdicts.
 COMPLETED = "completed"  # all captures were taken
 PREEMPTED = "preempted"  # it was asked to end
 ABORTED = "aborted"  # a fault occurred
-
-
-def _rounded(seconds: float) -> int:
-    return math.floor(seconds + 0.5)
 
 
 @dataclasses.dataclass
@@ -144,7 +138,7 @@ class CalibrationRun:
         if self.phase == SETTLING or now - self._unseen_since <= self._rules.patience:
             return
         self._unseen_since = None
-        self.end(ABORTED, f"step {self.step + 1} has waited for pictures for {_rounded(self._rules.patience)} s (~patience_s): "
+        self.end(ABORTED, f"step {self.step + 1} has waited for pictures for {self._rules.patience:g} s (~patience_s): "
                           f"{settling.reason}")
 
     def _look_at(self, now: float, settling: Any, order: Order) -> None:
@@ -155,7 +149,7 @@ class CalibrationRun:
             order.capture, order.step_done = settling.last, self._captures == self._rules.captures
         elif now - self._settling_since > self._rules.patience:
             why = settling.reason if obeyed else "pressure_command does not follow pressure_target"
-            self.end(ABORTED, f"step {self.step + 1} has not settled within {_rounded(self._rules.patience)} s: {why}")
+            self.end(ABORTED, f"step {self.step + 1} has not settled within {self._rules.patience:g} s: {why}")
         if not order.step_done:
             return
         self._captures = 0

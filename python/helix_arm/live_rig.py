@@ -56,9 +56,6 @@ class LiveRig:
         self._scene, self.origin, self.limits_pa = scene, f"arm of {scene.name}", scene.limits_pa
         self.slew_pa_s = min(*scene._slew_pa_s, float(np.ptp(scene.limits_pa, axis=1).max()) / FASTEST_S)
 
-    def hang(self, force_n: np.ndarray) -> None:
-        raise RuntimeError("this rig hangs no weight by itself")
-
     def turn(self) -> None:
         """Sends the target of this moment, while there is one."""
         with self._lock:

@@ -137,8 +137,6 @@ class Monitor(Node):
                 self._dropped, self._refused = counts[0], sum(counts[1:])
                 self._last_fault = quoted(values.get("last_fault", ""), LONGEST_MESSAGE)
 
-    # ---- What is printed -----------------------------------------------------------------------------------------
-
     def turn(self) -> None:
         now = time.monotonic()
         if now < self._due:

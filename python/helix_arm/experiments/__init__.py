@@ -9,9 +9,8 @@ Needs NumPy, SciPy and matplotlib, but not ROS. A rig of your own is a class wit
 """
 from helix_arm.experiments.figures import Figure
 from helix_arm.experiments.protocol import Analysis, Curve, Experiment, Options, Plot, Trial
-from helix_arm.experiments.registry import EXPERIMENTS
 from helix_arm.experiments.rig import Inputs, Recording, Rig, SimulatedRig, read_series
-from helix_arm.experiments.run import Progress, Result, measure
+from helix_arm.experiments.run import EXPERIMENTS, Progress, Result, measure
 
 __all__ = ["Analysis", "Curve", "EXPERIMENTS", "Experiment", "Figure", "Inputs", "Options", "Plot", "Progress", "Recording", "Result",
            "Rig", "SimulatedRig", "Trial", "measure", "read_series"]

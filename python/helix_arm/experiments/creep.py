@@ -4,8 +4,9 @@ from __future__ import annotations
 from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
+from scipy import stats
 
-from helix_arm.experiments.figures import Figure, correlated_mean, line
+from helix_arm.experiments.figures import Figure, correlated_mean, t_factor
 from helix_arm.experiments.hysteresis import Cycle, cycles_course, cycles_of
 from helix_arm.experiments.protocol import BASE, Analysis, Course, Curve, Options, Plot, Recordings, Trial, driven
 from helix_arm.experiments.rig import Recording, Rig
@@ -69,9 +70,13 @@ def fatigue_of(name: str, cycles: Sequence[Cycle]) -> List[Figure]:
             ("stroke drift", "dS/dN", [1e3 * one.stroke for one in cycles], "mm/cycle", "stroke"),
             ("loop width drift", "dH/dN", [100 * one.width()[len(one.pressure) // 2] for one in cycles], "%/cycle",
              "loop width at half of the range of pressure")]
-    return [Figure(f"{name} {words}", symbol, *line(number, np.array(values)), unit,
-                   f"Slope of the {text} over the number of the cycle, by least squares over {len(cycles)} cycles after the first "
-                   "one; scatter about the line.") for words, symbol, values, unit, text in rows]
+    out = []
+    for words, symbol, values, unit, text in rows:
+        fit = stats.linregress(number, values)
+        out.append(Figure(f"{name} {words}", symbol, float(fit.slope), float(fit.stderr * t_factor(len(number) - 2)), unit,
+                          f"Slope of the {text} over the number of the cycle, by least squares over {len(cycles)} cycles after the "
+                          "first one; scatter about the line."))
+    return out
 
 
 def analyse(recordings: Recordings, names: Sequence[str], scene: Optional[Scene] = None) -> Analysis:

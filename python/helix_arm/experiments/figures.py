@@ -69,9 +69,3 @@ def correlated_mean(values: np.ndarray) -> Tuple[float, float]:
     correlation = min(max(float(rest[1:] @ rest[:-1]) / square, 0.0), 0.95) if square > 0 else 0.0
     independent = max(count * (1 - correlation) / (1 + correlation), 2.0)
     return float(values.mean()), float(np.sqrt(square / (count - 1) / independent) * t_factor(independent - 1))
-
-
-def line(x: np.ndarray, y: np.ndarray) -> Tuple[float, float]:
-    """Slope of the line through independent values (m,), m >= 3, and its standard error."""
-    fit = stats.linregress(x, y)
-    return float(fit.slope), float(fit.stderr * t_factor(len(x) - 2))

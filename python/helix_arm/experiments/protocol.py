@@ -70,7 +70,6 @@ class Experiment:
     """plan: trials for a rig and its scene. analyse: of recordings by the names of their trials, and names of the actuators; those
     of other rigs, too. needs: what only some rigs can do ("hang"), or ""."""
 
-    what: str
     plan: Callable[[Rig, Scene, Options], List[Trial]]
     analyse: Callable[[Recordings, Sequence[str]], Analysis]
     needs: str = ""

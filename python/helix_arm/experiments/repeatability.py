@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 import re
-from typing import Dict, List, Optional, Sequence, Tuple
+from typing import Dict, Iterable, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -77,13 +77,18 @@ def holds_of(recording: Recording, least_s: float = 2 * LOOK_S) -> List[Tuple[np
     return out
 
 
+def held_of(recordings: Iterable[Recording]) -> List[List[Tuple[np.ndarray, np.ndarray]]]:
+    """Targets (n) [Pa] and tips (3,) [m] of the holds, by target; of targets that are held as often as any other."""
+    groups: Dict[Tuple[int, ...], List[Tuple[np.ndarray, np.ndarray]]] = {}
+    for target, tip, _ in (one for recording in recordings for one in holds_of(recording)):
+        groups.setdefault(tuple(np.round(1e-2 * target).astype(int)), []).append((target, tip))
+    most = max(map(len, groups.values()), default=0)
+    return [group for group in groups.values() if len(group) == most]
+
+
 def attained_of(recording: Recording) -> Dict[str, Tuple[np.ndarray, np.ndarray]]:
     """Commanded pressures (n) and attained tips (cycles, 3) of the poses that are held as often as any other."""
-    groups: Dict[Tuple[int, ...], List[Tuple[np.ndarray, np.ndarray]]] = {}
-    for target, tip, _ in holds_of(recording):
-        groups.setdefault(tuple(np.round(1e-2 * target).astype(int)), []).append((target, tip))
-    most = max((len(group) for group in groups.values()), default=0)
-    kept = [group for group in groups.values() if len(group) == most and most > 3]
+    kept = [group for group in held_of([recording]) if len(group) > 3]
     return {f"P{i + 1}": (group[0][0], np.array([tip for _, tip in group[1:]])) for i, group in enumerate(kept)}
 
 

@@ -13,15 +13,26 @@ from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 import numpy as np
 
 import helix_arm
-from helix_arm.experiments import sheet
+from helix_arm import _core
+from helix_arm.experiments import bode, creep, hysteresis, loads, repeatability, sheet, step, workspace
 from helix_arm.experiments.figures import Figure
-from helix_arm.experiments.protocol import Analysis, Options, Recordings, Trial
-from helix_arm.experiments.registry import EXPERIMENTS
+from helix_arm.experiments.protocol import Analysis, Experiment, Options, Recordings, Trial
 from helix_arm.experiments.rig import Rig, columns, lines_of, read_series
 from helix_arm.scene import Scene
 
 ALL = "all"
 SETTLE = 1.5  # times the longest 98 % time of `step`
+# `step` tells the others how long the arm takes to rest; `workspace` finds a wrong model before hours are spent.
+EXPERIMENTS: Dict[str, Experiment] = {
+    "step": Experiment(step.plan, step.analyse),
+    "workspace": Experiment(workspace.plan, workspace.analyse),
+    "hysteresis": Experiment(hysteresis.plan, hysteresis.analyse),
+    "bode": Experiment(bode.plan, bode.analyse),
+    "repeatability": Experiment(repeatability.plan, repeatability.analyse),
+    "stiffness": Experiment(loads.plan_stiffness, loads.analyse_stiffness, "hang"),
+    "payload": Experiment(loads.plan_payload, loads.analyse_payload, "hang"),
+    "creep": Experiment(creep.plan, creep.analyse),
+}
 
 
 @dataclass(frozen=True)
@@ -67,15 +78,11 @@ def measure(name: str, scene: Scene, rig: Rig, out: os.PathLike, options: Option
     """
     options = options or Options(range(len(scene.actuators)))
     recordings, ended = record(name, plan(name, scene, rig, options), scene, rig, Path(out), stop, tell)
-    analysis = analysis_of(name, recordings, scene.actuators, scene, rig.hangs)
-    return write(name, analysis, scene, rig.origin, Path(out), ended)
-
-
-def analysis_of(name: str, recordings: Recordings, names: Sequence[str], scene: Optional[Scene], hangs: bool = True) -> Analysis:
-    if EXPERIMENTS[name].needs == "hang" and not hangs:
+    analysis = EXPERIMENTS[name].analyse(recordings, scene.actuators, scene) if recordings else Analysis()
+    if EXPERIMENTS[name].needs == "hang" and not rig.hangs:
         why = "this rig hangs no forces at the tip; hang weights, record trials named as docs/experiments.md says, and analyse them."
-        return Analysis([Figure.unknown(name, "", "", why)])
-    return EXPERIMENTS[name].analyse(recordings, names, scene) if recordings else Analysis()
+        analysis = Analysis([Figure.unknown(name, "", "", why)])
+    return write(name, analysis, scene, rig.origin, Path(out), ended)
 
 
 def record(name: str, trials: Sequence[Trial], scene: Scene, rig: Rig, out: Path, stop: Callable[[], str],
@@ -131,10 +138,10 @@ def write(name: str, analysis: Analysis, scene: Optional[Scene], conditions: str
     result = result_of(name, analysis, scene, ended)
     paths = {kind: out / f"{name}.{kind}" for kind in ("json", "html", "pdf")}
     out.mkdir(parents=True, exist_ok=True)
-    sheet.write(paths["json"], lambda file: file.write(json.dumps(result.document(), indent=1).encode()))
     header = sheet.header_of(result.document(), conditions)
-    sheet.write(paths["html"], lambda file: file.write(sheet.html_of(header, analysis).encode()))
-    sheet.write(paths["pdf"], lambda file: sheet.pdf_of(header, analysis, file))
+    for path, content in zip(paths.values(), (json.dumps(result.document(), indent=1).encode(),
+                                              sheet.html_of(header, analysis).encode(), sheet.pdf_of(header, analysis))):
+        _core._write(str(path), content)
     return Result(**{**vars(result), "paths": paths})
 
 

@@ -5,9 +5,7 @@ import base64
 import html
 import io
 import math
-import os
-from pathlib import Path
-from typing import IO, Any, Callable, Dict, List, Tuple
+from typing import Any, Dict, List, Tuple
 
 from helix_arm.experiments.figures import NORMAL, Figure
 from helix_arm.experiments.protocol import Analysis, Plot
@@ -17,17 +15,6 @@ COLUMNS, MOST_ROWS, ROW = 2, 84, 0.16  # of the table on a page: columns, rows i
 MOST_PLOTS = 12
 NOTE = f"value +- standard error; value +- {NORMAL:.2f} standard errors is the 95 % interval. Definitions: docs/experiments.md"
 COLOURS = ["#1f77b4", "#2ca02c", "#9467bd", "#8c564b", "#17becf", "#bcbd22", "#7f7f7f", "#e377c2"]
-
-
-def write(path: Path, content: Callable[[IO[bytes]], Any]) -> None:
-    """Completely or not at all. Raises OSError."""
-    part = path.with_name(f"{path.name}.{os.getpid()}.part")
-    try:
-        with open(part, "wb") as file:
-            content(file)
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def title_of(header: List[Tuple[str, str]]) -> str:
@@ -68,11 +55,8 @@ def _draw(axes: Any, plot: Plot, size: float) -> None:
 
 
 def _figure(width: float, height: float) -> Any:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg  # without pyplot, which keeps figures and asks for a display
-    from matplotlib.figure import Figure as Drawing
-    drawing = Drawing(figsize=(width, height))
-    FigureCanvasAgg(drawing)
-    return drawing
+    from matplotlib.figure import Figure as Drawing  # without pyplot, which keeps figures and asks for a display
+    return Drawing(figsize=(width, height))
 
 
 def _table_page(header: List[Tuple[str, str]], analysis: Analysis) -> Any:
@@ -107,11 +91,13 @@ def _plot_page(analysis: Analysis) -> Any:
     return page
 
 
-def pdf_of(header: List[Tuple[str, str]], analysis: Analysis, file: IO[bytes]) -> None:
+def pdf_of(header: List[Tuple[str, str]], analysis: Analysis) -> bytes:
     from matplotlib.backends.backend_pdf import PdfPages
+    file = io.BytesIO()
     with PdfPages(file, metadata={"Title": title_of(header), "Creator": "helix_arm"}) as pages:
         pages.savefig(_table_page(header, analysis))
         pages.savefig(_plot_page(analysis))
+    return file.getvalue()
 
 
 def html_of(header: List[Tuple[str, str]], analysis: Analysis) -> str:

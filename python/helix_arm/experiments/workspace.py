@@ -1,7 +1,7 @@
 """Where the tip gets to, and whether the model says so."""
 from __future__ import annotations
 
-from typing import Callable, Dict, List, Optional, Sequence, Tuple
+from typing import Callable, List, Optional, Sequence, Tuple
 
 import numpy as np
 from scipy.spatial import ConvexHull, Delaunay, QhullError
@@ -9,7 +9,7 @@ from scipy.stats import qmc
 
 from helix_arm.experiments.figures import Figure, of_repeats
 from helix_arm.experiments.protocol import Analysis, Course, Curve, Options, Plot, Recordings, Trial
-from helix_arm.experiments.repeatability import LOOK_S, NO_SCENE, holds_of
+from helix_arm.experiments.repeatability import LOOK_S, NO_SCENE, held_of
 from helix_arm.experiments.rig import Rig
 from helix_arm.scene import Scene
 
@@ -30,12 +30,8 @@ def plan(rig: Rig, scene: Scene, options: Options) -> List[Trial]:
 
 def analyse(recordings: Recordings, names: Sequence[str], scene: Optional[Scene] = None) -> Analysis:
     """recordings: pressures that are held for 2 s or more, each at least three times."""
-    places: Dict[Tuple[int, ...], List[Tuple[np.ndarray, np.ndarray]]] = {}
-    for recording in recordings.values():
-        for target, tip, _ in holds_of(recording):
-            places.setdefault(tuple(np.round(1e-2 * target).astype(int)), []).append((target, tip))
-    visits = max((len(one) for one in places.values()), default=0)
-    held = [one for one in places.values() if len(one) == visits]
+    held = held_of(recordings.values())
+    visits = len(held[0]) if held else 0
     if scene is None or len(held) < 8 or visits < 3:
         why = NO_SCENE if scene is None else "fewer than eight places are visited three times."
         return Analysis([Figure.unknown("model error", "e", "mm", why)])
