@@ -31,22 +31,19 @@ statics::TierRequest requestOf(const TierArguments& arguments) {
 
 void checkTier(const io::Scene& scene, const TierArguments& arguments,
                const statics::TierRequest& request) {
-  const auto refuse = [](bool wrong, const std::string& message) {
-    if (wrong) throw CallerError(message);
-  };
   const bool loaded = request.tier == statics::Tier::kLoaded;
-  refuse(request.tier == statics::Tier::kPlanar && !scene.planar,
-         "--tier planar needs a scene with arm.geometry: planar; scene " + scene.name +
-             " is spatial: use --tier linear");
-  refuse(request.tier && statics::takesLoad(*request.tier) && !scene.model.load(),
-         "--tier " + arguments.tier + " needs the key load in the scene; " + scene.name +
-             " has none: use --tier linear");
-  refuse(request.order && !loaded, "--order needs --tier loaded");
-  refuse(request.relative_tip_error && request.time, "give either --accuracy or --budget");
+  refuseIf(request.tier == statics::Tier::kPlanar && !scene.planar,
+           "--tier planar needs a scene with arm.geometry: planar; scene ", scene.name,
+           " is spatial: use --tier linear");
+  refuseIf(request.tier && statics::takesLoad(*request.tier) && !scene.model.load(), "--tier ",
+           arguments.tier, " needs the key load in the scene; ", scene.name,
+           " has none: use --tier linear");
+  refuseIf(request.order && !loaded, "--order needs --tier loaded");
+  refuseIf(request.relative_tip_error && request.time, "give either --accuracy or --budget");
   const char* const goal = request.relative_tip_error ? "--accuracy" : "--budget";
-  refuse((request.relative_tip_error || request.time) && request.tier && (!loaded || request.order),
-         std::string(goal) +
-             " needs tiers to choose from; use --tier auto, or --tier loaded without --order");
+  refuseIf(
+      (request.relative_tip_error || request.time) && request.tier && (!loaded || request.order),
+      goal, " needs tiers to choose from; use --tier auto, or --tier loaded without --order");
 }
 
 // The range that scenes allow.
@@ -104,10 +101,8 @@ std::vector<io::Override> overridesOf(const GlobalOptions& global) {
   std::vector<io::Override> overrides;
   for (const std::string& text : global.overrides) {
     const std::size_t equals = text.find('=');
-    if (equals == std::string::npos || equals == 0) {
-      throw CallerError("--set " + text +
-                        " is not key=value, as in --set arm.stiffness.K_gamma=100");
-    }
+    refuseIf(equals == std::string::npos || equals == 0, "--set ", text,
+             " is not key=value, as in --set arm.stiffness.K_gamma=100");
     overrides.push_back({text.substr(0, equals), text.substr(equals + 1)});
   }
   return overrides;
@@ -149,17 +144,13 @@ std::vector<std::string> wordsOf(const std::string& list, char comma) {
 
 Eigen::VectorXd numberList(const std::string& option, const std::string& text, int count) {
   const std::vector<std::string> parts = wordsOf(text + ",");
-  if (static_cast<int>(parts.size()) != count) {
-    throw CallerError(option + " has " + std::to_string(parts.size()) + " values; expected " +
-                      std::to_string(count));
-  }
+  refuseIf(static_cast<int>(parts.size()) != count, option, " has ", parts.size(),
+           " values; expected ", count);
   Eigen::VectorXd numbers(count);
   for (int i = 0; i < count; ++i) {
     const std::optional<double> number = io::parseNumber(parts[i]);
-    if (!number) {
-      throw CallerError(option + " has \"" + parts[i] + "\" as value " + std::to_string(i + 1) +
-                        "; expected finite numbers separated by commas, without spaces");
-    }
+    refuseIf(!number, option, " has \"", parts[i], "\" as value ", i + 1,
+             "; expected finite numbers separated by commas, without spaces");
     numbers[i] = *number;
   }
   return numbers;
@@ -170,21 +161,15 @@ Eigen::VectorXd inputsOf(const io::Scene& scene, const std::string& kpa_option,
                          const std::string& si_text) {
   const model::Arm& arm = scene.arm;
   const bool in_kpa = !kpa_text.empty();
-  if (in_kpa == !si_text.empty()) {
-    throw CallerError("give either " + kpa_option + " or " + si_option);
-  }
-  if (in_kpa && hasTendon(arm)) {
-    throw CallerError(kpa_option + " is for pressures, but scene " + scene.name +
-                      " has tendons; give " + si_option + " in SI units (Pa or rad) for " +
-                      basics::joined(actuatorNames(arm)));
-  }
+  refuseIf(in_kpa == !si_text.empty(), "give either ", kpa_option, " or ", si_option);
+  refuseIf(in_kpa && hasTendon(arm), kpa_option, " is for pressures, but scene ", scene.name,
+           " has tendons; give ", si_option, " in SI units (Pa or rad) for ",
+           basics::joined(actuatorNames(arm)));
   const std::string& option = in_kpa ? kpa_option : si_option;
   const std::vector<std::string> parts = wordsOf((in_kpa ? kpa_text : si_text) + ",");
-  if (static_cast<int>(parts.size()) != arm.actuatorCount()) {
-    throw CallerError(option + " has " + std::to_string(parts.size()) + " values; scene " +
-                      scene.name + " has " + std::to_string(arm.actuatorCount()) +
-                      " actuators: " + basics::joined(actuatorNames(arm)));
-  }
+  refuseIf(static_cast<int>(parts.size()) != arm.actuatorCount(), option, " has ", parts.size(),
+           " values; scene ", scene.name, " has ", arm.actuatorCount(),
+           " actuators: ", basics::joined(actuatorNames(arm)));
   Eigen::VectorXd inputs(arm.actuatorCount());
   for (int i = 0; i < arm.actuatorCount(); ++i) {
     const model::Actuator& actuator = arm.actuator(i);

@@ -140,10 +140,8 @@ struct CalibrateOptions {
 // SCENE2,DATA2.csv[,DATA3.csv...] of --also.
 std::vector<std::string> partsOfAlso(const std::string& text) {
   std::vector<std::string> parts = wordsOf(text);
-  if (parts.size() < 2) {
-    throw CallerError("--also " + text +
-                      " is not SCENE,DATA.csv: the scene of another arm and its data set");
-  }
+  refuseIf(parts.size() < 2, "--also ", text,
+           " is not SCENE,DATA.csv: the scene of another arm and its data set");
   return parts;
 }
 

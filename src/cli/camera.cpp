@@ -135,9 +135,8 @@ PicturesRead readPictures(const CameraSource& source, const TakePicture& take) {
     read.interrupted = interrupted();
     return read;
   }
-  if (std::find(source.sources.begin(), source.sources.end(), kWebcam) != source.sources.end()) {
-    throw CallerError("--source has webcam beside files; give either");
-  }
+  refuseIf(std::find(source.sources.begin(), source.sources.end(), kWebcam) != source.sources.end(),
+           "--source has webcam beside files; give either");
   std::vector<std::unique_ptr<vision::FrameSource>> files;
   for (const std::string& path : source.sources) {
     files.push_back(vision::FrameSource::files(path, source.expected));
@@ -166,9 +165,7 @@ void tellFaults(const PicturesRead& read) {
 CameraSource sourceOf(const CameraArguments& arguments, const std::optional<io::Scene>& scene) {
   CameraSource source = arguments.source;
   const bool given = !arguments.device.empty() || !arguments.size.empty() || arguments.focus;
-  if (given && !source.isWebcam()) {
-    throw CallerError("--device, --size and --focus go with --source webcam");
-  }
+  refuseIf(given && !source.isWebcam(), "--device, --size and --focus go with --source webcam");
   if (scene) {
     source.webcam.width = scene->camera->model.width;
     source.webcam.height = scene->camera->model.height;
@@ -179,10 +176,9 @@ CameraSource sourceOf(const CameraArguments& arguments, const std::optional<io::
   if (!arguments.size.empty()) {
     const Eigen::Vector2d size = numberList("--size", arguments.size, 2);
     constexpr int kMost = estimation::Camera::kMaxSide;
-    if (size.minCoeff() < 1 || size.maxCoeff() > kMost || size != size.array().floor().matrix()) {
-      throw CallerError("--size is " + arguments.size + "; expected whole numbers from 1 to " +
-                        std::to_string(kMost));
-    }
+    refuseIf(
+        size.minCoeff() < 1 || size.maxCoeff() > kMost || size != size.array().floor().matrix(),
+        "--size is ", arguments.size, "; expected whole numbers from 1 to ", kMost);
     source.webcam.width = static_cast<int>(size[0]);
     source.webcam.height = static_cast<int>(size[1]);
   }
@@ -337,16 +333,12 @@ CsvTable parameterTable(const CameraCalibration& calibration) {
 
 int calibrateCameraOf(const CameraArguments& arguments, const GlobalOptions& global) {
   Calibrated result;
-  if (arguments.scene.empty() && !global.overrides.empty()) {
-    throw CallerError("--set changes a key of a scene, and none is given; leave out --set");
-  }
+  refuseIf(arguments.scene.empty() && !global.overrides.empty(),
+           "--set changes a key of a scene, and none is given; leave out --set");
   if (!arguments.scene.empty()) {
     result.scene = loadScene(arguments.scene, global);
-    if (!result.scene->camera) {
-      throw CallerError(
-          "scene " + result.scene->name +
-          " has no camera; add the section camera, with its approximate pose and focal length");
-    }
+    refuseIf(!result.scene->camera, "scene ", result.scene->name,
+             " has no camera; add the section camera, with its approximate pose and focal length");
   }
   if (!arguments.out.empty()) requireYaml(arguments.out);
   result.board = boardOf(arguments.board);
@@ -357,12 +349,8 @@ int calibrateCameraOf(const CameraArguments& arguments, const GlobalOptions& glo
   tellFaults(result.read);
   if (result.read.interrupted) return kInterrupted;
   result.size = views.size();
-  if (!views.otherSize().empty()) {
-    throw CallerError(views.otherSize() + " is not of the first picture's size, " +
-                      std::to_string(result.size.width) + " x " +
-                      std::to_string(result.size.height) +
-                      " px; a camera is calibrated at one size");
-  }
+  refuseIf(!views.otherSize().empty(), views.otherSize(), " is not of the first picture's size, ",
+           result.size.width, " x ", result.size.height, " px; a camera is calibrated at one size");
   vision::CameraCalibrationOptions options;
   options.coefficients = arguments.coefficients;
   if (const auto reason = whyNoPicture(result.read)) {
@@ -452,10 +440,8 @@ CameraSource sourceOf(const CameraArguments& arguments, const io::Scene& scene) 
   CameraSource source = arguments.source;
   source.expected = cv::Size(scene.camera->model.width, scene.camera->model.height);
   if (source.isWebcam()) {
-    if (!scene.camera->webcam) {
-      throw CallerError("scene " + scene.name +
-                        " has no camera.webcam; add it, or give pictures as --source");
-    }
+    refuseIf(!scene.camera->webcam, "scene ", scene.name,
+             " has no camera.webcam; add it, or give pictures as --source");
     source.webcam = *scene.camera->webcam;
   }
   return source;
@@ -463,18 +449,15 @@ CameraSource sourceOf(const CameraArguments& arguments, const io::Scene& scene) 
 
 int placeCameraOf(const CameraArguments& arguments, const GlobalOptions& global) {
   const io::Scene scene = loadScene(arguments.scene, global);
-  if (!scene.camera || !scene.tags) {
-    throw CallerError("scene " + scene.name + " has no " + (scene.camera ? "tags" : "camera") +
-                      "; expected a scene with the sections camera and tags");
-  }
+  refuseIf(!scene.camera || !scene.tags, "scene ", scene.name, " has no ",
+           scene.camera ? "tags" : "camera",
+           "; expected a scene with the sections camera and tags");
   if (!arguments.out.empty()) requireYaml(arguments.out);
   const statics::Solution model =
       scene.model.solve(inputsOrRest(scene, arguments.pressure_kpa, arguments.input));
-  if (!model.converged()) {
-    throw CallerError("no shape of scene " + scene.name +
-                      " balances its load at these pressures; take the pictures at others, and "
-                      "give them with --pressure-kpa");
-  }
+  refuseIf(!model.converged(), "no shape of scene ", scene.name,
+           " balances its load at these pressures; take the pictures at others, and "
+           "give them with --pressure-kpa");
   const CameraSource source = sourceOf(arguments, scene);
   vision::TagDetector detector(scene.vision.detector);
   std::vector<std::vector<vision::TagDetection>> pictures;

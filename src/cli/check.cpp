@@ -125,11 +125,8 @@ void printCsv(const json& findings) {
 
 int run(const CheckArguments& arguments, const GlobalOptions& global) {
   const io::Scene scene = loadScene(arguments.scene, global);
-  if (arguments.probe && !scene.regulator) {
-    throw CallerError(
-        "scene " + scene.name +
-        " has no regulator to probe; add the section regulator, or leave out --probe");
-  }
+  refuseIf(arguments.probe && !scene.regulator, "scene ", scene.name,
+           " has no regulator to probe; add the section regulator, or leave out --probe");
   RigCheck check = procedures::checkRig(scene, arguments.samples);
   std::optional<regulator::Pressures> readings;
   if (arguments.probe) readings = ask(scene, check.findings);

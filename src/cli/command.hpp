@@ -9,6 +9,7 @@
 #include <signal.h>
 
 #include "CLI/CLI.hpp"
+#include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::cli {
 
@@ -23,6 +24,11 @@ class CallerError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
 };
+/// @throws CallerError with the concatenated message parts if `wrong`.
+template <class... Parts>
+void refuseIf(bool wrong, const Parts&... message) {
+  if (wrong) throw CallerError(basics::messageOf(message...));
+}
 
 enum class Format { kText, kJson, kCsv };
 

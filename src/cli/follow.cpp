@@ -279,17 +279,13 @@ Eigen::Vector3d tipOf(const std::string& text) {
 std::vector<Eigen::Vector3d> tipsOf(const FollowArguments& arguments) {
   std::vector<Eigen::Vector3d> tips;
   for (const std::string& text : wordsOf(arguments.tip, ';')) tips.push_back(tipOf(text));
-  if (tips.size() > kMostTips) {
-    throw CallerError("--tip has " + std::to_string(tips.size()) + " tips; expected at most " +
-                      std::to_string(kMostTips));
-  }
+  refuseIf(tips.size() > kMostTips, "--tip has ", tips.size(), " tips; expected at most ",
+           kMostTips);
   const double least = procedures::kLeastTipTime * static_cast<double>(tips.size());
-  if (arguments.plan.seconds < least) {
-    throw CallerError(
-        basics::format("--seconds %g is too short for %zu tips; expected at least 1 s for each: "
-                       "--seconds %g",
-                       arguments.plan.seconds, tips.size(), least));
-  }
+  refuseIf(arguments.plan.seconds < least,
+           basics::format("--seconds %g is too short for %zu tips; expected at least 1 s for each: "
+                          "--seconds %g",
+                          arguments.plan.seconds, tips.size(), least));
   return tips;
 }
 
@@ -318,10 +314,8 @@ control::TipPath pathOf(const FollowArguments& arguments, const io::Scene& scene
 void check(FollowArguments& arguments) {
   FollowPlan& plan = arguments.plan;
   if (plan.ignore_contacts) {
-    if (!(arguments.tip + arguments.path).empty() || plan.open) {
-      throw CallerError(
-          "--prove-contact moves the arm by itself; leave out --tip, --path and --open");
-    }
+    refuseIf(!(arguments.tip + arguments.path).empty() || plan.open,
+             "--prove-contact moves the arm by itself; leave out --tip, --path and --open");
     if (!arguments.out.empty()) requireYaml(arguments.out);
     requireNoInput(arguments.out, arguments.scene);
     plan.seconds = procedures::kProofTime;

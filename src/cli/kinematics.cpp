@@ -237,9 +237,8 @@ json shownOf(const io::Scene& scene, const ForwardResult& result, json report) {
 
 // One result per row of a table.
 int runRows(const ForwardOptions& options, const GlobalOptions& global, const io::Scene& scene) {
-  if (!(options.pressure_kpa + options.input + options.history).empty() || options.samples > 0) {
-    throw CallerError("--inputs excludes --pressure-kpa, --input, --history and --samples");
-  }
+  refuseIf(!(options.pressure_kpa + options.input + options.history).empty() || options.samples > 0,
+           "--inputs excludes --pressure-kpa, --input, --history and --samples");
   const io::DataSet data = tableOf(options.inputs);
   const Eigen::MatrixXd inputs = inputRowsOf(scene, data);
   const statics::ArmModel model = modelOf(scene, options.tier);
@@ -258,15 +257,12 @@ int runRows(const ForwardOptions& options, const GlobalOptions& global, const io
 }
 
 int run(const ForwardOptions& options, const GlobalOptions& global) {
-  if (!options.history.empty() && (!options.pressure_kpa.empty() || !options.input.empty())) {
-    throw CallerError("--history gives the pressures; leave out --pressure-kpa and --input");
-  }
-  if (!options.history.empty() && options.samples > 0 && global.format == Format::kCsv) {
-    throw CallerError("with --history, csv has the rows of the history; leave out --samples");
-  }
-  if ((options.pressure_kpa + options.input + options.inputs + options.history).empty()) {
-    throw CallerError("give --pressure-kpa, --input, --inputs or --history");
-  }
+  refuseIf(!options.history.empty() && (!options.pressure_kpa.empty() || !options.input.empty()),
+           "--history gives the pressures; leave out --pressure-kpa and --input");
+  refuseIf(!options.history.empty() && options.samples > 0 && global.format == Format::kCsv,
+           "with --history, csv has the rows of the history; leave out --samples");
+  refuseIf((options.pressure_kpa + options.input + options.inputs + options.history).empty(),
+           "give --pressure-kpa, --input, --inputs or --history");
   const io::Scene scene = loadScene(options.scene, global);
   if (!options.inputs.empty()) return runRows(options, global, scene);
   const statics::ArmModel model = modelOf(scene, options.tier);
@@ -297,20 +293,17 @@ struct InverseArguments {
 lie::SE3 poseOf(const std::string& culprit, const Eigen::VectorXd& p, bool repeat_norm) {
   constexpr double kNormTolerance = 1e-3;  // more than the rounding of a few digits
   const Eigen::Quaterniond q(p[6], p[3], p[4], p[5]);
-  if (!(std::abs(q.norm() - 1) <= kNormTolerance)) {
-    throw CallerError(culprit + " has a quaternion of " +
-                      (repeat_norm ? basics::format("norm %g", q.norm()) : "another norm") +
-                      "; expected 1, in the order qx,qy,qz,qw");
-  }
+  refuseIf(!(std::abs(q.norm() - 1) <= kNormTolerance), culprit, " has a quaternion of ",
+           repeat_norm ? basics::format("norm %g", q.norm()) : "another norm",
+           "; expected 1, in the order qx,qy,qz,qw");
   return {q.normalized().toRotationMatrix(), p.head<3>()};
 }
 
 statics::InverseOptions optionsOf(const InverseArguments& arguments) {
   statics::InverseOptions options;
   options.preference = statics::preferenceOf(arguments.prefer);
-  if (arguments.cocontraction_given && options.preference != Preference::kCocontraction) {
-    throw CallerError("--cocontraction needs --prefer cocontract");
-  }
+  refuseIf(arguments.cocontraction_given && options.preference != Preference::kCocontraction,
+           "--cocontraction needs --prefer cocontract");
   options.cocontraction = arguments.cocontraction;
   return options;
 }
@@ -461,15 +454,13 @@ int runRows(const InverseArguments& arguments, const GlobalOptions& global, cons
 int run(const InverseArguments& arguments, const GlobalOptions& global) {
   const int targets = !arguments.tip.empty() + !arguments.pose.empty() + !arguments.twist.empty() +
                       !arguments.targets.empty();
-  if (targets != 1)
-    throw CallerError("give exactly one target: --tip, --pose, --twist or --targets");
+  refuseIf(targets != 1, "give exactly one target: --tip, --pose, --twist or --targets");
   const io::Scene scene = loadScene(arguments.scene, global);
   const statics::InverseOptions options = optionsOf(arguments);
   const statics::ArmModel model = modelOf(scene, arguments.tier);
-  if (options.preference == Preference::kStiff && !model.load()) {
-    throw CallerError("--prefer stiff needs arm.stiffness.K_eps_n in every section; scene " +
-                      scene.name + " has none");
-  }
+  refuseIf(options.preference == Preference::kStiff && !model.load(),
+           "--prefer stiff needs arm.stiffness.K_eps_n in every section; scene ", scene.name,
+           " has none");
   statics::InverseSolver solver(model, options);
   if (!arguments.targets.empty()) {
     if (!arguments.history.empty()) throw CallerError("--targets excludes --history");

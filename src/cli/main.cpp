@@ -73,9 +73,8 @@ const std::string kKept =
 
 // Has the call run without --session, and kept. @throws CallerError where it is of no such kind.
 int keepSession(const std::string& name, std::string folder, std::vector<std::string> words) {
-  if ((kKept + ",").find(name + ",") == std::string::npos) {
-    throw CallerError("--session does not keep " + name + "; it keeps " + kKept);
-  }
+  refuseIf((kKept + ",").find(name + ",") == std::string::npos, "--session does not keep ", name,
+           "; it keeps ", kKept);
   words.insert(words.begin(), {"keep", folder, name, io::shippedFolder(io::kShippedScenes)});
   return runPython("session", std::move(words));
 }

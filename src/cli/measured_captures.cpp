@@ -106,10 +106,8 @@ void compareScatter(bool planar, std::vector<FittedCapture>& captures) {
 // @throws CallerError where the scene has no tags or has tendons, io::DocumentError on faulty
 // data.
 std::vector<FittedCapture> fitCaptures(const io::Scene& scene, const io::DataSet& data) {
-  if (!scene.tags) {
-    throw CallerError(data.path + " holds tag poses, but scene " + scene.name +
-                      " has no tags; expected a scene with a section tags");
-  }
+  refuseIf(!scene.tags, data.path, " holds tag poses, but scene ", scene.name,
+           " has no tags; expected a scene with a section tags");
   requirePressureDriven(scene);
   estimation::TwistFitter fitter(*scene.tags, scene.arm.sectionCount(), scene.vision.fit);
   const std::map<int, statics::PointLoad> hung = procedures::hungOf(scene, data);
@@ -422,16 +420,12 @@ int evaluateTags(const io::Scene& scene, const io::DataSet& data, Format format)
 }
 
 void requireComparable(const io::Scene& scene, const io::DataSet& data) {
-  if (data.find("curvature_rad") < 0) {
-    throw CallerError(data.path +
-                      " has no measurements to compare with; expected the columns pressure_1_kpa "
-                      ".. and curvature_rad, tag poses or tag corners");
-  }
+  refuseIf(data.find("curvature_rad") < 0, data.path,
+           " has no measurements to compare with; expected the columns pressure_1_kpa "
+           ".. and curvature_rad, tag poses or tag corners");
   requirePressureDriven(scene);
-  if (scene.arm.sectionCount() != 1) {
-    throw CallerError("curvature_rad applies to arms of one section; scene " + scene.name +
-                      " has " + std::to_string(scene.arm.sectionCount()));
-  }
+  refuseIf(scene.arm.sectionCount() != 1, "curvature_rad applies to arms of one section; scene ",
+           scene.name, " has ", scene.arm.sectionCount());
 }
 
 // Length-scaled curvature of every row: |(w_y, w_z)| of the section.
@@ -520,9 +514,8 @@ int evaluateSeries(const io::Scene& scene, const io::DataSet& data, const Captur
                    Format format) {
   requirePressureDriven(scene);
   const procedures::ResponseSeries tips = procedures::tipSeriesOf(data, scene.arm.actuatorCount());
-  if (tips.history.time.empty() && !options.png.empty()) {
-    throw CallerError("--png draws over the time, but " + data.path + " has no column time_s");
-  }
+  refuseIf(tips.history.time.empty() && !options.png.empty(), "--png draws over the time, but ",
+           data.path, " has no column time_s");
   const estimation::SeriesComparison found =
       estimation::compareSeries({scene.model, scene.X_BF}, procedures::ofArm(tips));
   json trials = json::array();
@@ -561,9 +554,7 @@ int runEvaluate(const CaptureOptions& options, const GlobalOptions& global) {
   if (data.find("x_m") >= 0 && data.find("tag") < 0) {
     return evaluateSeries(scene, data, options, global.format);
   }
-  if (!options.png.empty()) {
-    throw CallerError("--png draws a series of the tip; " + data.path + " holds none");
-  }
+  refuseIf(!options.png.empty(), "--png draws a series of the tip; ", data.path, " holds none");
   const bool tags = data.find("curvature_rad") < 0 && data.find("tag") >= 0;
   return tags ? evaluateTags(scene, data, global.format)
               : evaluateCurvature(scene, data, global.format);

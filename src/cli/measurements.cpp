@@ -26,10 +26,9 @@ Eigen::VectorXd halfWidths(const model::Arm& arm) {
 }  // namespace
 
 void requirePressureDriven(const io::Scene& scene) {
-  if (!hasTendon(scene.arm)) return;
-  throw CallerError("scene " + scene.name +
-                    " has tendons, but the data set gives pressures; expected a scene whose "
-                    "actuators are all driven by pressure");
+  refuseIf(hasTendon(scene.arm), "scene ", scene.name,
+           " has tendons, but the data set gives pressures; expected a scene whose "
+           "actuators are all driven by pressure");
 }
 
 std::string reasonForNoShape(statics::SolveStatus status) {

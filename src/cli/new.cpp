@@ -86,10 +86,9 @@ void settleRegulator(NewArm& arm) {
     arm.regulator = std::filesystem::absolute(arm.regulator).lexically_normal().string();
   } else {
     const std::vector<std::string> shipped = io::shippedProfiles();
-    if (std::find(shipped.begin(), shipped.end(), arm.regulator) == shipped.end()) {
-      throw CallerError("--regulator is " + arm.regulator + "; expected " + regulators() +
-                        ", or the path of a profile (with a / or ending in .yaml)");
-    }
+    refuseIf(std::find(shipped.begin(), shipped.end(), arm.regulator) == shipped.end(),
+             "--regulator is ", arm.regulator, "; expected ", regulators(),
+             ", or the path of a profile (with a / or ending in .yaml)");
   }
   io::loadRegulatorProfile(arm.regulator);  // throws on a fault of its file
 }
@@ -187,34 +186,28 @@ void check(NewArguments& arguments) {
   namespace fs = std::filesystem;
   const fs::path out = arguments.out;
   requireYaml(arguments.out);
-  if (fs::exists(out) && !arguments.force) {
-    throw CallerError("--out " + arguments.out +
-                      " exists; choose another file, or give --force to replace it");
-  }
-  if (!out.parent_path().empty() && !fs::is_directory(out.parent_path())) {
-    throw CallerError("--out " + arguments.out + " is in no folder that exists; create " +
-                      out.parent_path().string() + ", or choose another file");
-  }
+  refuseIf(fs::exists(out) && !arguments.force, "--out ", arguments.out,
+           " exists; choose another file, or give --force to replace it");
+  refuseIf(!out.parent_path().empty() && !fs::is_directory(out.parent_path()), "--out ",
+           arguments.out, " is in no folder that exists; create ", out.parent_path().string(),
+           ", or choose another file");
   settleRegulator(arguments.arm);
   // What is wrong with this can only be the name.
   sceneOf({{}, arguments.out, true, false, arguments.command}, NewArm(), false);
 }
 
 int run(NewArguments& arguments, const GlobalOptions& global) {
-  if (!global.overrides.empty()) {
-    throw CallerError("--set changes a key of a scene, and new writes one; leave out --set");
-  }
+  refuseIf(!global.overrides.empty(),
+           "--set changes a key of a scene, and new writes one; leave out --set");
   NewArm& arm = arguments.arm;
   check(arguments);
   const json scene = sceneOf(arguments, arm, !arguments.defaults && isatty(STDIN_FILENO) != 0);
   if (scene.is_null()) return kInterrupted;
   const json& serial = scene["serial"];
-  if (arguments.given("--device") && serial != true) {
-    throw CallerError("--device goes with a --regulator on a serial line, such as generic");
-  }
-  if (arguments.given("--host") && serial != false) {
-    throw CallerError("--host goes with a --regulator on Modbus TCP, such as festo_vtem");
-  }
+  refuseIf(arguments.given("--device") && serial != true,
+           "--device goes with a --regulator on a serial line, such as generic");
+  refuseIf(arguments.given("--host") && serial != false,
+           "--host goes with a --regulator on Modbus TCP, such as festo_vtem");
   const std::string text = scene["text"];
   const io::Scene made = io::sceneOfText(text, arguments.out);
   io::writeFileAtomically(arguments.out, text);

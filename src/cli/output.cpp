@@ -280,9 +280,8 @@ void printResult(Format format, const json& report, const json& shown,
 
 void checkPicture(const std::string& png, const std::string& out) {
   if (png.empty()) return;
-  if (!out.empty() && samePlace(out, png)) {
-    throw CallerError("--png " + png + " is the file of --out, too; give another path");
-  }
+  refuseIf(!out.empty() && samePlace(out, png), "--png ", png,
+           " is the file of --out, too; give another path");
   const io::AtomicFile trial(png);  // throws if none can be written there; leaves no file
 }
 

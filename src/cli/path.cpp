@@ -85,9 +85,8 @@ json reportOf(const ShapedPath& path, const std::vector<TipWayPoint>& points,
 }
 
 int run(const PathArguments& arguments, const GlobalOptions& global) {
-  if (!global.overrides.empty()) {
-    throw CallerError("path reads no scene that --set could change; leave out --set");
-  }
+  refuseIf(!global.overrides.empty(),
+           "path reads no scene that --set could change; leave out --set");
   const ShapedPath path = pathOf(arguments);
   const std::vector<TipWayPoint> points = control::wayPointsOf(path);
   const std::string& out = arguments.out;

@@ -63,10 +63,8 @@ struct RegulatorOptions {
 // @throws CallerError where the scene has no regulator; as loadScene().
 io::Scene loadRegulatedScene(const RegulatorOptions& options, const GlobalOptions& global) {
   io::Scene scene = loadScene(options.scene, global);
-  if (!scene.regulator) {
-    throw CallerError("scene " + scene.name +
-                      " has no regulator; add the section `regulator` to it");
-  }
+  refuseIf(!scene.regulator, "scene ", scene.name,
+           " has no regulator; add the section `regulator` to it");
   return scene;
 }
 
@@ -336,10 +334,9 @@ int setRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadRegulatedScene(options, global);
   const Eigen::VectorXd target =
       inputsOf(scene, "--pressure-kpa", options.pressure_kpa, "--input", "");
-  if (regulator::isHardware(*scene.regulator) && !options.yes) {
-    throw CallerError("set moves the hardware " + regulator::describe(*scene.regulator) +
-                      "; add --yes once nobody is within the arm's reach");
-  }
+  refuseIf(regulator::isHardware(*scene.regulator) && !options.yes, "set moves the hardware ",
+           regulator::describe(*scene.regulator),
+           "; add --yes once nobody is within the arm's reach");
   const InterruptWatch watch;
   std::signal(SIGPIPE, SIG_IGN);  // a reader that has ended must not keep this process from venting
   std::shared_ptr<regulator::GuardProcess> guard;
@@ -452,10 +449,9 @@ std::unique_ptr<simulation::EmulatedDevice> emulate(const io::Scene& scene) {
         " has a simulated regulator, hence no device to emulate; expected regulator." +
         basics::joined(kinds, " or regulator."));
   }
-  if (!facts.host.empty() && facts.host != "127.0.0.1" && facts.host != "localhost") {
-    throw CallerError("emulate listens on 127.0.0.1, but the scene's regulator is at " +
-                      facts.host + "; add --set regulator." + facts.kind + ".host=127.0.0.1");
-  }
+  refuseIf(!facts.host.empty() && facts.host != "127.0.0.1" && facts.host != "localhost",
+           "emulate listens on 127.0.0.1, but the scene's regulator is at ", facts.host,
+           "; add --set regulator.", facts.kind, ".host=127.0.0.1");
   simulation::EmulatedDeviceConfig config;
   config.regulator = *scene.regulator;
   config.channels = facts.used(scene.arm.actuatorCount());
@@ -521,8 +517,7 @@ class Lines {
 };
 
 int emulateRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
-  if (global.format != Format::kText)
-    throw CallerError("emulate prints only text; leave out --format");
+  refuseIf(global.format != Format::kText, "emulate prints only text; leave out --format");
   const io::Scene scene = loadRegulatedScene(options, global);
   const InterruptWatch watch;
   const auto device = emulate(scene);

@@ -193,9 +193,7 @@ std::string cornerComment(const io::Scene& scene) {
 // Pictures of the calibration board by the camera of the scene.
 SimulatedSet simulateBoard(const SimulateOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadScene(options.scene, global);
-  if (!scene.camera) {
-    throw CallerError("scene " + scene.name + " has no camera; add the section camera");
-  }
+  refuseIf(!scene.camera, "scene ", scene.name, " has no camera; add the section camera");
   const CalibrationBoard board = boardOf(options.board);
   vision::JpegEncoder encoder(scene.simulation.camera.jpeg_quality);
   simulation::SimulatedCameraConfig config = scene.simulation.camera;
@@ -294,14 +292,11 @@ SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& globa
 
 int run(const SimulateOptions& options, const GlobalOptions& global) {
   checkBoard(options.board);
-  if (options.board.given() && (options.rest || options.walk)) {
-    throw CallerError(std::string(options.walk ? "--walk" : "--rest") +
-                      " is of the arm, and --board shows none; leave out either");
-  }
-  if (!options.inputs.empty() && (options.board.given() || options.rest || options.walk)) {
-    throw CallerError(
-        "--inputs gives the pressures of the arm; leave out --rest, --walk and --board");
-  }
+  refuseIf(options.board.given() && (options.rest || options.walk),
+           options.walk ? "--walk" : "--rest",
+           " is of the arm, and --board shows none; leave out either");
+  refuseIf(!options.inputs.empty() && (options.board.given() || options.rest || options.walk),
+           "--inputs gives the pressures of the arm; leave out --rest, --walk and --board");
   const SimulatedSet set =
       options.board.given() ? simulateBoard(options, global) : simulate(options, global);
   const auto pathOf = [&set](const char* file, bool written) {

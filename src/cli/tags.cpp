@@ -150,15 +150,12 @@ json reportOf(const Print& print, const TagsArguments& arguments, const json& pa
 
 void check(const TagsArguments& arguments, const GlobalOptions& global) {
   checkBoard(arguments.board);
-  if (arguments.scene.empty() && !arguments.board.given()) {
-    throw CallerError("nothing to print: give a SCENE with tags, --board or both");
-  }
-  if (arguments.scene.empty() && !global.overrides.empty()) {
-    throw CallerError("--set changes a key of SCENE, which is not given; leave out --set");
-  }
-  if (std::filesystem::path(arguments.out).extension() != ".pdf") {
-    throw CallerError("--out " + arguments.out + " does not end in .pdf; name a .pdf file");
-  }
+  refuseIf(arguments.scene.empty() && !arguments.board.given(),
+           "nothing to print: give a SCENE with tags, --board or both");
+  refuseIf(arguments.scene.empty() && !global.overrides.empty(),
+           "--set changes a key of SCENE, which is not given; leave out --set");
+  refuseIf(std::filesystem::path(arguments.out).extension() != ".pdf", "--out ", arguments.out,
+           " does not end in .pdf; name a .pdf file");
 }
 
 int run(const TagsArguments& arguments, const GlobalOptions& global) {

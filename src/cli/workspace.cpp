@@ -52,9 +52,8 @@ constexpr std::size_t kCountWidth = 20;  // digits of the largest count
 
 bool isPly(const std::string& path) {
   const std::string end = std::filesystem::path(path).extension().string();
-  if (end != ".ply" && end != ".csv") {
-    throw CallerError("--out " + path + " ends neither in .ply nor in .csv; expected one of them");
-  }
+  refuseIf(end != ".ply" && end != ".csv", "--out ", path,
+           " ends neither in .ply nor in .csv; expected one of them");
   return end == ".ply";
 }
 
@@ -405,12 +404,10 @@ void drawMaps(const WorkspaceArguments& arguments, const CloudFormat& format,
   const auto& tips = summary.kept.tips;
   Eigen::Array3d sides = tips.colwise().maxCoeff() - tips.colwise().minCoeff();
   std::sort(sides.begin(), sides.end());
-  if (!(sides[2] > 0) || sides[1] < kLeastWidth * sides[2]) {
-    throw CallerError("--png " + arguments.png + " has nothing to draw: the " +
-                      std::to_string(summary.points()) +
-                      (summary.points() == 1 ? " tip is" : " tips lie on") +
-                      " a line or a point; sample more with --count, or leave out --png");
-  }
+  refuseIf(!(sides[2] > 0) || sides[1] < kLeastWidth * sides[2], "--png ", arguments.png,
+           " has nothing to draw: the ", summary.points(),
+           summary.points() == 1 ? " tip is" : " tips lie on",
+           " a line or a point; sample more with --count, or leave out --png");
   const auto count = static_cast<std::uint64_t>(summary.kept.count());
   const json report{{"scene", origin.scene},
                     {"tier", origin.tier},
@@ -430,10 +427,8 @@ std::string checkCount(const std::string& text) {
 }
 
 statics::Workspace workspaceOf(const io::Scene& scene, const WorkspaceArguments& arguments) {
-  if (arguments.sensitivity && hasTendon(scene.arm)) {
-    throw CallerError("--sensitivity is per kPa, and scene " + scene.name +
-                      " has tendons; leave out --sensitivity");
-  }
+  refuseIf(arguments.sensitivity && hasTendon(scene.arm), "--sensitivity is per kPa, and scene ",
+           scene.name, " has tendons; leave out --sensitivity");
   return statics::Workspace(modelOf(scene, arguments.tier),
                             {arguments.seed, arguments.sensitivity});
 }

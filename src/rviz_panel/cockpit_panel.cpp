@@ -114,9 +114,9 @@ class CalibrationBox : public QWidget {
       run([&](CockpitLink& link) { link.startCalibration(words); });
     });
     cancel_ = makeButton(this, "calibration_cancel", "Cancel",
-                         [run] { run([](CockpitLink& link) { link.cancelCalibration(); }); });
-    use_ = makeButton(this, "calibration_use", "Use it",
-                      [run] { run([](CockpitLink& link) { link.useCalibration(); }); });
+                         [run] { run(&CockpitLink::cancelCalibration); });
+    use_ =
+        makeButton(this, "calibration_use", "Use it", [run] { run(&CockpitLink::useCalibration); });
     progress_ = new QProgressBar(this);
     progress_->setObjectName("calibration_progress");
     text_ = makeText(this, "calibration");
@@ -163,8 +163,8 @@ class ExperimentBox : public QWidget {
       const std::string name = name_->currentText().toStdString();
       run([&](CockpitLink& link) { link.startExperiment(name); });
     });
-    stop_ = makeButton(this, "experiment_stop", "Stop",
-                       [run] { run([](CockpitLink& link) { link.stopExperiment(); }); });
+    stop_ =
+        makeButton(this, "experiment_stop", "Stop", [run] { run(&CockpitLink::stopExperiment); });
     progress_ = new QProgressBar(this);
     progress_->setObjectName("experiment_progress");
     text_ = makeText(this, "experiment");
@@ -354,10 +354,8 @@ class SafetyBox : public QGroupBox {
     column->addLayout(stop_row);
 
     auto* const row = new QHBoxLayout;
-    enable_ = makeButton(this, "enable", "Enable",
-                         [run] { run([](CockpitLink& link) { link.enable(); }); });
-    vent_ =
-        makeButton(this, "vent", "Vent", [run] { run([](CockpitLink& link) { link.vent(); }); });
+    enable_ = makeButton(this, "enable", "Enable", [run] { run(&CockpitLink::enable); });
+    vent_ = makeButton(this, "vent", "Vent", [run] { run(&CockpitLink::vent); });
     hold_ = makeButton(this, "hold", "Hold",
                        [run](bool on) { run([on](CockpitLink& link) { link.hold(on); }); });
     hold_->setCheckable(true);

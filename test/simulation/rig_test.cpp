@@ -110,7 +110,6 @@ TEST(TrueArm, AForceAtTheTipIsAPointLoadOnTopOfTheScenes) {
       const Eigen::VectorXd q = randomInput(arm, random);
       const Eigen::Vector3d before = tipOf(truth.shape(q));
       truth.setTipForce(force);
-      EXPECT_EQ(truth.tipForce(), force);
       const Eigen::Vector3d displacement = tipOf(truth.shape(q)) - before;
       EXPECT_LT(
           (tipOf(truth.shape(q)) - expected.tipOfLengths(1.02 * stiffer.lengths(q)).tip.translation)
@@ -152,14 +151,13 @@ TEST(TrueArm, AForceThatItCannotTakeIsRefusedAndTheOneInEffectStays) {
             }),
             "arm.stiffness.K_eps_n is missing; expected a finite value > 0 [N] in every section, "
             "which a force at the tip of the true arm needs");
-  EXPECT_EQ(unknown.tipForce(), Eigen::Vector3d::Zero());
+  EXPECT_FALSE(unknown.model().load().has_value());
   TrueArm known(statics::ArmModel(arm, std::nullopt, onlyStiffness()), {});
   known.setTipForce({0, 0.1, 0});
   const Eigen::VectorXd q = arm.inputAt(0.3);
   const model::Shape before = known.shape(q);
   for (const double wrong : {std::nan(""), std::numeric_limits<double>::infinity()}) {
     EXPECT_THROW(known.setTipForce({0, wrong, 0}), std::invalid_argument);
-    EXPECT_EQ(known.tipForce(), Eigen::Vector3d(0, 0.1, 0));
     EXPECT_EQ(known.shape(q).pieces(), before.pieces());
   }
 }

@@ -51,7 +51,6 @@ class TrueArm {
   /// @throws std::invalid_argument if it is not finite, or if it is not zero and the model has no
   /// load that tells K_eps; the force in effect then stays.
   void setTipForce(const Eigen::Vector3d& force);
-  const Eigen::Vector3d& tipForce() const { return tip_force_; }
 
   /// Shape at gauge pressures (n) [Pa], clamped to the limits.
   /// @throws std::invalid_argument on a wrong size, std::out_of_range on a pressure that is NaN,

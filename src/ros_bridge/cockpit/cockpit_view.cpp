@@ -56,11 +56,17 @@ std::string notFree(const CockpitView& view) {
   return view.experiment.running ? "an experiment commands the arm; stop it first" : "";
 }
 
-// Likewise, of an action's run.
-std::string notToRun(const CockpitView& view) {
+// Whether an action of this node may run. @param article  of its run.
+template <class Run>
+Possibility mayRun(const CockpitView& view, const Run& run, const char* article,
+                   const std::string& node) {
+  if (!run.there) {
+    return {"no " + node + " node is up; start arm.launch or demo.launch with calibration:=true"};
+  }
+  if (run.running) return {article + node + " runs already"};
   const std::string out = notFree(view);
   const bool holds = out.empty() && view.goal != CockpitGoal::kNone;
-  return holds ? "the cockpit holds the arm; let go of it first" : out;
+  return {holds ? "the cockpit holds the arm; let go of it first" : out};
 }
 
 constexpr double kHighest = 1e12;  // a value beyond it does not scale the axis
@@ -168,11 +174,7 @@ Possibility mayAimTip(const CockpitView& view) {
 }
 
 Possibility mayCalibrate(const CockpitView& view) {
-  if (!view.calibration.there) {
-    return {"no calibration node is up; start arm.launch or demo.launch with calibration:=true"};
-  }
-  if (view.calibration.running) return {"a calibration runs already"};
-  return {notToRun(view)};
+  return mayRun(view, view.calibration, "a ", "calibration");
 }
 
 Possibility mayCancel(const CockpitView& view) {
@@ -180,11 +182,7 @@ Possibility mayCancel(const CockpitView& view) {
 }
 
 Possibility mayExperiment(const CockpitView& view) {
-  if (!view.experiment.there) {
-    return {"no experiment node is up; start arm.launch or demo.launch with calibration:=true"};
-  }
-  if (view.experiment.running) return {"an experiment runs already"};
-  return {notToRun(view)};
+  return mayRun(view, view.experiment, "an ", "experiment");
 }
 
 Possibility mayStopExperiment(const CockpitView& view) {
@@ -322,11 +320,10 @@ std::string millimetres(double metres) {
 
 std::string placeWords(const std::optional<std::vector<double>>& position) {
   if (!position || position->size() != 3) return "-";
-  std::array<double, 3> shown{};
-  for (std::size_t i = 0; i < 3; ++i) {
-    shown[i] = std::round(1e4 * (*position)[i]) / 10 + 0.0;  // never "-0.0"
-  }
-  return basics::format("%.1f, %.1f, %.1f mm", shown[0], shown[1], shown[2]);
+  // Never "-0.0".
+  const auto shown = [](double metres) { return std::round(1e4 * metres) / 10 + 0.0; };
+  const std::vector<double>& p = *position;
+  return basics::format("%.1f, %.1f, %.1f mm", shown(p[0]), shown(p[1]), shown(p[2]));
 }
 
 std::vector<std::string> parameterLines(const RunCalibrationResult& result) {
