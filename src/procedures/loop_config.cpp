@@ -6,6 +6,7 @@
 #include <string>
 
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/calibration/calibration_parameters.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/localization/rig_memory.hpp"
@@ -172,7 +173,9 @@ std::vector<int> uncalibratedTags(const estimation::TagLayout& layout, const std
 
 std::string uncalibratedText(const std::vector<int>& ids) {
   if (ids.empty()) return {};
-  return "no capture of the calibration shows the tags " + io::listOf(ids) +
+  std::vector<std::string> words;
+  for (const int id : ids) words.push_back(std::to_string(id));
+  return "no capture of the calibration shows the tags " + basics::joined(words) +
          ", which count little: calibrate again with captures that show them";
 }
 

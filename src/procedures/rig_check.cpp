@@ -40,41 +40,7 @@ const model::Actuator& highest(const model::Arm& arm) {
   return arm.actuator(best);
 }
 
-}  // namespace
-
-const char* nameOf(Severity severity) {
-  switch (severity) {
-    case Severity::kNote:
-      return "note";
-    case Severity::kWarning:
-      return "warning";
-    case Severity::kFault:
-      break;
-  }
-  return "fault";
-}
-
-void sortBySeverity(std::vector<Finding>& findings) {
-  std::stable_sort(findings.begin(), findings.end(),
-                   [](const Finding& a, const Finding& b) { return a.severity > b.severity; });
-}
-
-bool RigCheck::hasFault() const {
-  return std::any_of(findings.begin(), findings.end(),
-                     [](const Finding& finding) { return finding.severity == Severity::kFault; });
-}
-
-std::vector<Finding> checkSupply(const io::Scene& scene, double supply) {
-  const model::Actuator& most = highest(scene.arm);
-  if (supply >= most.limits.upper) return {};
-  return {{Severity::kWarning, "supply", most.name,
-           "its limit is " + kpa(most.limits.upper) + ", and the supply gives " + kpa(supply) +
-               ": pressures above that are never reached",
-           "raise the supply, or lower max_pressure_kpa"}};
-}
-
 // The parts of checkRig(). Each adds its findings.
-namespace {
 
 // Parts of a curve's range and length.
 constexpr double kLeastStroke = 0.03;
@@ -521,6 +487,37 @@ std::optional<VisionFigures> checkVision(const io::Scene& scene, int samples,
 }
 
 }  // namespace
+
+const char* nameOf(Severity severity) {
+  switch (severity) {
+    case Severity::kNote:
+      return "note";
+    case Severity::kWarning:
+      return "warning";
+    case Severity::kFault:
+      break;
+  }
+  return "fault";
+}
+
+void sortBySeverity(std::vector<Finding>& findings) {
+  std::stable_sort(findings.begin(), findings.end(),
+                   [](const Finding& a, const Finding& b) { return a.severity > b.severity; });
+}
+
+bool RigCheck::hasFault() const {
+  return std::any_of(findings.begin(), findings.end(),
+                     [](const Finding& finding) { return finding.severity == Severity::kFault; });
+}
+
+std::vector<Finding> checkSupply(const io::Scene& scene, double supply) {
+  const model::Actuator& most = highest(scene.arm);
+  if (supply >= most.limits.upper) return {};
+  return {{Severity::kWarning, "supply", most.name,
+           "its limit is " + kpa(most.limits.upper) + ", and the supply gives " + kpa(supply) +
+               ": pressures above that are never reached",
+           "raise the supply, or lower max_pressure_kpa"}};
+}
 
 RigCheck checkRig(const io::Scene& scene, int samples) {
   RigCheck check;
