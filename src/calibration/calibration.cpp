@@ -4,7 +4,6 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
-#include <limits>
 #include <optional>
 #include <set>
 #include <utility>
@@ -53,17 +52,12 @@ std::vector<Parameter> fittedParameters(const CalibrationFit& fit) {
   for (const Parameter& one : fit.held) held.insert(one.name);
   std::vector<Parameter> out;
   for (std::size_t i = 0; i < infos.size(); ++i) {
-    if (held.count(infos[i].name) > 0 || !infos[i].reported) continue;
-    const double value =
-        infos[i].logarithmic ? infos[i].reference * std::exp(values[i]) : values[i];
-    Parameter one{infos[i].name,
-                  infos[i].unit,
-                  infos[i].initial,
-                  value,
-                  std::numeric_limits<double>::quiet_NaN(),
-                  false};
+    const ParameterInfo& info = infos[i];
+    if (held.count(info.name) > 0 || !info.reported) continue;
+    const double value = info.logarithmic ? info.reference * std::exp(values[i]) : values[i];
+    Parameter one{info.name, info.unit, info.initial, value, std::nan(""), false};
     if (fit.covariance.size() > 0) {
-      one.standard_error = standardErrorOf(infos[i], value, std::sqrt(fit.covariance(i, i)));
+      one.standard_error = standardErrorOf(info, value, std::sqrt(fit.covariance(i, i)));
       one.identifiable = fit.identified[i];
     }
     out.push_back(std::move(one));

@@ -133,39 +133,35 @@ std::string rigWords() {
 }
 
 // Why readings of this kind cannot determine the requested parameters.
-std::optional<Verdict> unmet(const std::vector<ArmCaptures>& arms,
-                             const CalibrationOptions& options, ReadingKind kind) {
-  const auto nothing = [](const std::string& reason) {
-    return Verdict{CalibrationStatus::kNothingToFit, reason};
-  };
+std::optional<std::string> unmet(const std::vector<ArmCaptures>& arms,
+                                 const CalibrationOptions& options, ReadingKind kind) {
   // The others tell the shape without load.
   const bool loaded =
       std::any_of(arms.begin(), arms.end(), [](const ArmCaptures& arm) { return arm.isLoaded(); });
   for (const FitParameterInfo& info : fitParameters()) {
     if (info.need != FitNeed::kLoad || !isFitted(info, options) || loaded) continue;
-    return nothing(
-        text(info.word,
-             " has an effect only under load; give the scene its `load`, with a tier that "
-             "takes it into account, or do not fit ",
-             info.word));
+    return text(info.word,
+                " has an effect only under load; give the scene its `load`, with a tier that "
+                "takes it into account, or do not fit ",
+                info.word);
   }
   if (!anyFitted(options, [](const FitParameterInfo&) { return true; })) {
-    return nothing("no parameter to fit was named; name at least one");
+    return "no parameter to fit was named; name at least one";
   }
   const bool tags = isMet(FitNeed::kTags, kind);
   const bool rig = anyFitted(options, [](const FitParameterInfo& info) { return info.aboutRig(); });
   if (rig && !tags) {
-    return nothing(rigWords() + " need captures of tags; these are of curvatures or twists");
+    return rigWords() + " need captures of tags; these are of curvatures or twists";
   }
   for (const FitParameterInfo& info : fitParameters()) {
     if (info.need != FitNeed::kCorners || !isFitted(info, options)) continue;
-    if (!isMet(info.need, kind)) return nothing(text(info.word, " needs captures of tag corners"));
+    if (!isMet(info.need, kind)) return text(info.word, " needs captures of tag corners");
   }
   // White bleeds into black alike.
   if ((options.base || options.tags) && arms.size() > 1) {
-    return nothing(rigWords() + " belong to one rig; fit them for one arm at a time");
+    return rigWords() + " belong to one rig; fit them for one arm at a time";
   }
-  if (options.free_shapes && !tags) return nothing("free shapes need captures of tags");
+  if (options.free_shapes && !tags) return "free shapes need captures of tags";
   return std::nullopt;
 }
 
@@ -190,9 +186,8 @@ std::optional<std::string> unlikeEps(const ArmCaptures& arm, const ArmCaptures& 
 }
 
 // Why arms that are fitted together cannot share the fitted parameters.
-std::optional<Verdict> unlike(const std::vector<ArmCaptures>& arms,
-                              const CalibrationOptions& options) {
-  using Status = CalibrationStatus;
+std::optional<std::string> unlike(const std::vector<ArmCaptures>& arms,
+                                  const CalibrationOptions& options) {
   const bool ratios = anyFitted(options, [](const FitParameterInfo& info) {
     return info.entry && info.entry != StiffnessEntry::kEps;
   });
@@ -202,41 +197,34 @@ std::optional<Verdict> unlike(const std::vector<ArmCaptures>& arms,
   const model::Stiffness& first = arms.front().arm.actuator(0).stiffness;
   for (const ArmCaptures& arm : arms) {
     if (each && arm.arm.actuatorCount() != arms.front().arm.actuatorCount()) {
-      return Verdict{Status::kNothingToFit,
-                     text(arm.name, " has ", arm.arm.actuatorCount(), " actuators, ",
-                          arms.front().name, " ", arms.front().arm.actuatorCount(),
-                          "; a scale per actuator needs the same number on every arm, a common "
-                          "scale does not")};
+      return text(arm.name, " has ", arm.arm.actuatorCount(), " actuators, ", arms.front().name,
+                  " ", arms.front().arm.actuatorCount(),
+                  "; a scale per actuator needs the same number on every arm, a common "
+                  "scale does not");
     }
     if (options.contraction && arm.arm.hasTables()) {
-      return Verdict{Status::kNothingToFit,
-                     text(arm.name,
-                          ": K_kappa depends on pressure, which a length tells only on the scene's "
-                          "curve: give K_kappa_m2 one number for a curve from captures")};
+      return text(arm.name,
+                  ": K_kappa depends on pressure, which a length tells only on the scene's "
+                  "curve: give K_kappa_m2 one number for a curve from captures");
     }
     if ((options.length_scale != LengthScaling::kNone || options.stroke_scale) &&
         arm.arm.hasTables()) {
-      return Verdict{Status::kNothingToFit,
-                     text(arm.name,
-                          ": K_kappa depends on pressure, which a length tells only at the scene's "
-                          "scales: give K_kappa_m2 one number, or leave out length_scale, "
-                          "length_scale_each and stroke_scale_each")};
+      return text(arm.name,
+                  ": K_kappa depends on pressure, which a length tells only at the scene's "
+                  "scales: give K_kappa_m2 one number, or leave out length_scale, "
+                  "length_scale_each and stroke_scale_each");
     }
     if (options.K_eps) {
-      if (const auto reason = unlikeEps(arm, arms.front())) {
-        return Verdict{Status::kNothingToFit, *reason};
-      }
+      if (const auto reason = unlikeEps(arm, arms.front())) return reason;
     }
     for (int i = 0; ratios && i < arm.arm.actuatorCount(); ++i) {
       const model::Stiffness& other = arm.arm.actuator(i).stiffness;
       if (other.kappa == first.kappa && other.gamma == first.gamma && other.tau == first.tau) {
         continue;
       }
-      return Verdict{
-          Status::kNothingToFit,
-          text(arm.name, ": the stiffness of ", arm.arm.actuator(i).name, " is not that of ",
-               arms.front().arm.actuator(0).name, " of ", arms.front().name,
-               "; one stiffness is fitted for all: give them the same one first")};
+      return text(arm.name, ": the stiffness of ", arm.arm.actuator(i).name, " is not that of ",
+                  arms.front().arm.actuator(0).name, " of ", arms.front().name,
+                  "; one stiffness is fitted for all: give them the same one first");
     }
   }
   return std::nullopt;
@@ -332,8 +320,10 @@ Groups groupByPressure(const std::vector<ArmCaptures>& arms) {
 
 std::optional<Verdict> unfit(const std::vector<ArmCaptures>& arms,
                              const CalibrationOptions& options, ReadingKind kind) {
-  if (auto verdict = unmet(arms, options, kind)) return verdict;
-  return unlike(arms, options);
+  std::optional<std::string> reason = unmet(arms, options, kind);
+  if (!reason) reason = unlike(arms, options);
+  if (!reason) return std::nullopt;
+  return Verdict{CalibrationStatus::kNothingToFit, *reason};
 }
 
 }  // namespace helix_arm::estimation

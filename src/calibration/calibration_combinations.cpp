@@ -108,27 +108,6 @@ Jackknife jackknifeOf(const std::vector<ParameterInfo>& infos,
   return out;
 }
 
-}  // namespace
-
-CrossValidation crossValidate(const std::vector<ArmCaptures>& arms, const Groups& groups,
-                              ReadingKind kind, CalibrationProblem& problem, double noise_scale,
-                              const std::vector<Comparison>& in_sample) {
-  const Folds pressures = foldsOf(groups);
-  Refits refits = refit(problem, noise_scale, pressures);
-  CrossValidation out;
-  out.by_pressure = heldOut(kind, refits, pressures.labels, in_sample);
-  out.shapes = std::move(refits.shapes);
-  out.complete = refits.complete;
-  out.jackknife = jackknifeOf(problem.parameters(), refits.vectors);
-  out.variance = out.jackknife.deviations.colwise().squaredNorm().transpose();
-  if (arms.size() < 2) return out;
-  const Folds by_arm = foldsOf(arms);
-  out.by_arm = heldOut(kind, refit(problem, noise_scale, by_arm), by_arm.labels, in_sample);
-  return out;
-}
-
-namespace {
-
 // With smaller exponents, which two digits show as 0, a combination is one parameter.
 constexpr double kPureExponent = 0.005;
 
@@ -248,6 +227,23 @@ std::vector<Combination> combinationsAmong(const LogErrors& errors,
 }
 
 }  // namespace
+
+CrossValidation crossValidate(const std::vector<ArmCaptures>& arms, const Groups& groups,
+                              ReadingKind kind, CalibrationProblem& problem, double noise_scale,
+                              const std::vector<Comparison>& in_sample) {
+  const Folds pressures = foldsOf(groups);
+  Refits refits = refit(problem, noise_scale, pressures);
+  CrossValidation out;
+  out.by_pressure = heldOut(kind, refits, pressures.labels, in_sample);
+  out.shapes = std::move(refits.shapes);
+  out.complete = refits.complete;
+  out.jackknife = jackknifeOf(problem.parameters(), refits.vectors);
+  out.variance = out.jackknife.deviations.colwise().squaredNorm().transpose();
+  if (arms.size() < 2) return out;
+  const Folds by_arm = foldsOf(arms);
+  out.by_arm = heldOut(kind, refit(problem, noise_scale, by_arm), by_arm.labels, in_sample);
+  return out;
+}
 
 std::vector<Combination> combinationsOf(const std::vector<ArmCaptures>& arms,
                                         const CalibrationOptions& options,

@@ -37,12 +37,8 @@ constexpr double kLeastProbability = 1e-3;
 constexpr double kUsualLengthError = 0.01;
 
 Parameter heldParameter(const ParameterInfo& info) {
-  return {info.name,
-          info.unit,
-          info.initial,
-          info.initial,
-          standardErrorOf(info, info.reference, info.deviation),
-          false};
+  const double error = standardErrorOf(info, info.reference, info.deviation);
+  return {info.name, info.unit, info.initial, info.initial, error, false};
 }
 
 // All parameters that affect the readings and could be fitted, requested or not, and the curve of

@@ -43,43 +43,6 @@ std::vector<double> quantilesOf(const std::vector<double>& pressures) {
   return knots;
 }
 
-}  // namespace
-
-Eigen::RowVectorXd ContractionSpline::weights(double pressure) const {
-  const auto above = std::upper_bound(knots.begin() + 1, knots.end() - 1, pressure);
-  const Eigen::Index i = above - knots.begin() - 1;
-  const double h = knots[i + 1] - knots[i];
-  const double b = (pressure - knots[i]) / h, a = 1 - b;
-  const Eigen::MatrixXd bends = bendsOf(knots);
-  Eigen::RowVectorXd out =
-      h * h / 6 * ((a * a * a - a) * bends.row(i) + (b * b * b - b) * bends.row(i + 1));
-  out[i] += a;
-  out[i + 1] += b;
-  return out;
-}
-
-ContractionSpline fitSpline(const std::vector<double>& pressures,
-                            const std::vector<double>& lengths,
-                            const std::vector<double>& weights) {
-  ContractionSpline spline;
-  spline.knots = quantilesOf(pressures);
-  const auto n = static_cast<Eigen::Index>(spline.knots.size());
-  Eigen::MatrixXd information = Eigen::MatrixXd::Zero(n, n);
-  Eigen::VectorXd right = Eigen::VectorXd::Zero(n);
-  for (std::size_t i = 0; i < pressures.size(); ++i) {
-    const Eigen::RowVectorXd row = spline.weights(pressures[i]);
-    information += weights[i] * row.transpose() * row;
-    right += weights[i] * lengths[i] * row.transpose();
-  }
-  const Eigen::LLT<Eigen::MatrixXd> factors(information);
-  spline.lengths = factors.solve(right);
-  // The inverse of the factor L': its product with its transpose is the inverse of L L'.
-  spline.root = kFreeLengthNoise * factors.matrixU().solve(Eigen::MatrixXd::Identity(n, n));
-  return spline;
-}
-
-namespace {
-
 // A smaller change of the pressure, relative to the largest one, is noise of the regulator and
 // starts no new branch.
 constexpr double kLeastMove = 0.01;
@@ -457,6 +420,39 @@ ContractionFit fittedCurve(const std::vector<LengthSample>& samples,
 }
 
 }  // namespace
+
+Eigen::RowVectorXd ContractionSpline::weights(double pressure) const {
+  const auto above = std::upper_bound(knots.begin() + 1, knots.end() - 1, pressure);
+  const Eigen::Index i = above - knots.begin() - 1;
+  const double h = knots[i + 1] - knots[i];
+  const double b = (pressure - knots[i]) / h, a = 1 - b;
+  const Eigen::MatrixXd bends = bendsOf(knots);
+  Eigen::RowVectorXd out =
+      h * h / 6 * ((a * a * a - a) * bends.row(i) + (b * b * b - b) * bends.row(i + 1));
+  out[i] += a;
+  out[i + 1] += b;
+  return out;
+}
+
+ContractionSpline fitSpline(const std::vector<double>& pressures,
+                            const std::vector<double>& lengths,
+                            const std::vector<double>& weights) {
+  ContractionSpline spline;
+  spline.knots = quantilesOf(pressures);
+  const auto n = static_cast<Eigen::Index>(spline.knots.size());
+  Eigen::MatrixXd information = Eigen::MatrixXd::Zero(n, n);
+  Eigen::VectorXd right = Eigen::VectorXd::Zero(n);
+  for (std::size_t i = 0; i < pressures.size(); ++i) {
+    const Eigen::RowVectorXd row = spline.weights(pressures[i]);
+    information += weights[i] * row.transpose() * row;
+    right += weights[i] * lengths[i] * row.transpose();
+  }
+  const Eigen::LLT<Eigen::MatrixXd> factors(information);
+  spline.lengths = factors.solve(right);
+  // The inverse of the factor L': its product with its transpose is the inverse of L L'.
+  spline.root = kFreeLengthNoise * factors.matrixU().solve(Eigen::MatrixXd::Identity(n, n));
+  return spline;
+}
 
 ContractionFit fitContraction(const std::vector<LengthSample>& samples,
                               const ContractionFitOptions& options) {

@@ -190,11 +190,7 @@ class SeriesJob {
     const Choice choice{name, kept, unit * gain.mean(), unit * scatter};
     const auto before = std::find_if(out.choices.begin(), out.choices.end(),
                                      [name](const Choice& one) { return one.part == name; });
-    if (before == out.choices.end()) {
-      out.choices.push_back(choice);
-    } else {
-      *before = choice;
-    }
+    (before == out.choices.end() ? out.choices.emplace_back() : *before) = choice;
     if (kept) best = std::move(with);
     return kept;
   }

@@ -4,6 +4,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <utility>
 
 #include "helix_arm/statics/stiffness_by_input.hpp"
@@ -300,22 +301,19 @@ void SeriesProblem::addArm() {
     }
   };
   if (arm.K_kappa) stiffness("K_kappa", "m^2", &model::Stiffness::kappa);
-  if (form_.growth) {
-    factor("K_kappa_growth", "", kGrowthPrior, [](SeriesModel& m) -> double& { return m.growth; });
-  }
+  if (form_.growth) factor("K_kappa_growth", "", kGrowthPrior, &SeriesModel::growth);
   if (arm.K_gamma) {
     stiffness("K_gamma", "", &model::Stiffness::gamma,
               "shear stiffness of actuators along the arm, which nothing shows");
   }
   if (arm.K_tau) stiffness("K_tau", "m^2", &model::Stiffness::tau);
   if (arm.K_eps) {
-    const auto entry = [](SeriesModel& m) -> double& { return m.K_eps; };
-    factor("K_eps", "N", arm.stiffness_prior, entry, nullptr, prior_.model.load()->K_eps.front());
+    factor("K_eps", "N", arm.stiffness_prior, &SeriesModel::K_eps, nullptr,
+           prior_.model.load()->K_eps.front());
   }
   const char* const scales = "length scales of actuators that hardly move, and bend at rest";
   if (arm.length_scale == LengthScaling::kCommon) {
-    const auto entry = [](SeriesModel& m) -> double& { return m.common_scale; };
-    factor("length_scale", "", arm.length_scale_prior, entry, scales);
+    factor("length_scale", "", arm.length_scale_prior, &SeriesModel::common_scale, scales);
   }
   const int actuators = prior_.model.arm().actuatorCount();
   each("length_scale_", form_.scales ? actuators : 0, arm.length_scale_prior, &SeriesModel::scale,
@@ -367,21 +365,16 @@ void SeriesProblem::addResponse() {
                              auto entry) {
     const auto law = most > 0 ? SeriesNumber::kShare : SeriesNumber::kFactor;
     add({SeriesNumber::kResponse, law, name, unit, most > 0 ? kWeightPrior : kTimePrior,
-         [entry](SeriesModel& m) -> double& { return entry(*m.response); }, nullptr, 1.0, start,
-         most});
+         [entry](SeriesModel& m) -> double& { return std::invoke(entry, *m.response); }, nullptr,
+         1.0, start, most});
   };
   if (form_.lag) {
-    number(
-        "rise_time_constant", "s", kFirstLag, 0, [](auto& r) -> auto& { return r.rise_time; });
-    number(
-        "fall_time_constant", "s", kFirstLag, 0, [](auto& r) -> auto& { return r.fall_time; });
+    number("rise_time_constant", "s", kFirstLag, 0, &Response::rise_time);
+    number("fall_time_constant", "s", kFirstLag, 0, &Response::fall_time);
   }
   if (form_.slow) {
-    number(
-        "slow_time_constant", "s", kFirstSlowTime, 0, [](auto& r) -> auto& { return r.slow_time; });
-    number(
-        "slow_weight", "", kFirstWeight, Response::kMostWeight,
-        [](auto& r) -> auto& { return r.slow_weight; });
+    number("slow_time_constant", "s", kFirstSlowTime, 0, &Response::slow_time);
+    number("slow_weight", "", kFirstWeight, Response::kMostWeight, &Response::slow_weight);
   }
   if (form_.play) {
     number(

@@ -57,7 +57,7 @@ constexpr double kFar = 5.0;
 constexpr double kNoFit = 1e4;
 constexpr double kFarBase = 0.3, kFarBaseTurn = 0.6;    // deviations of a base that moved [m, rad]
 constexpr double kNearBase = 0.006, kNearTurn = 0.015;  // of one that is where the scene has it
-constexpr int kPlace = 6;                               // numbers of it
+constexpr double kPlace = 6;                            // numbers of it
 constexpr double kScaleOfMuscle = 0.1;                  // of a muscle's length, as a fraction
 
 // What a trial changes; both start as given.
@@ -480,15 +480,6 @@ int oddMuscle(const Eigen::VectorXd& scales) {
   return odd;
 }
 
-// Another parameter is fitted as well.
-void addFreedom(Trial trial, int numbers, std::function<bool(const Calibration&)> shows,
-                std::vector<Trial>& trials) {
-  trial.numbers = numbers;
-  trial.corrects_captures = false;
-  trial.shows = std::move(shows);
-  trials.push_back(std::move(trial));
-}
-
 void addMove(bool corners, std::vector<Trial>& trials) {
   const auto release = [](double, Case& one) {
     one.options.base = true;
@@ -503,9 +494,9 @@ void addMove(bool corners, std::vector<Trial>& trials) {
     const double turn = turnOf(fit.X_B0B);
     return turn < kMostTurn && (turn > kLeastTurn || fit.X_B0B.translation.norm() > kLeastMove);
   };
-  addFreedom({corners ? "camera_moved" : "base_moved", corners ? "the camera" : "the base", release,
-              remedy},
-             kPlace, shows, trials);
+  const std::string cause = corners ? "camera_moved" : "base_moved";
+  const std::string where = corners ? "the camera" : "the base";
+  trials.push_back({cause, where, release, remedy, {0.0}, 0, 0, kPlace, false, nullptr, shows});
 }
 
 void addLengths(const model::Arm& arm, std::vector<Trial>& trials) {
@@ -525,7 +516,9 @@ void addLengths(const model::Arm& arm, std::vector<Trial>& trials) {
     const double odd = fit.length_scale[oddMuscle(fit.length_scale)];
     return std::abs(odd - usualOf(fit.length_scale)) > kLeastLength;
   };
-  addFreedom({"muscle_length", "", release, remedy}, arm.actuatorCount(), shows, trials);
+  const double numbers = arm.actuatorCount();
+  trials.push_back(
+      {"muscle_length", "", release, remedy, {0.0}, 0, 0, numbers, false, nullptr, shows});
 }
 
 void addLoads(std::vector<Trial>& trials) {

@@ -12,10 +12,6 @@ constexpr const char* kTag = "tag_";
 constexpr const char* kBase = "base_";
 constexpr int kMostDigits = 12;
 
-bool beginsWith(const std::string& text, const std::string& begin) {
-  return text.compare(0, begin.size(), begin) == 0;
-}
-
 // Digits of the value down to the second digit of its error.
 int digitsOf(const estimation::Parameter& one) {
   if (!(one.standard_error > 0) || !std::isfinite(one.standard_error) || one.value == 0) return 6;
@@ -30,14 +26,11 @@ std::vector<estimation::Parameter> parametersOf(const CalibrationOutcome& outcom
   std::vector<estimation::Parameter> out;
   if (outcome.calibration) out = outcome.calibration->parameters;
   if (outcome.series) out = outcome.series->parameters;
-  if (outcome.response) {
-    const std::vector<estimation::Parameter>& more = outcome.response->parameters;
+  const auto add = [&out](const std::vector<estimation::Parameter>& more) {
     out.insert(out.end(), more.begin(), more.end());
-  }
-  if (outcome.mode) {
-    const std::vector<estimation::Parameter>& more = outcome.mode->parameters;
-    out.insert(out.end(), more.begin(), more.end());
-  }
+  };
+  if (outcome.response) add(outcome.response->parameters);
+  if (outcome.mode) add(outcome.mode->parameters);
   return out;
 }
 
@@ -49,7 +42,7 @@ Determined determinedOf(const CalibrationOutcome& outcome) {
   for (const estimation::Parameter& one : parametersOf(outcome)) {
     if (isJudged(one) && !one.identifiable) {
       ++out.omitted;
-    } else if (beginsWith(one.name, kTag)) {
+    } else if (one.name.rfind(kTag, 0) == 0) {
       tags.insert(std::atoi(one.name.c_str() + std::string(kTag).size()));
     } else {
       out.parameters.push_back(one);
@@ -109,7 +102,7 @@ std::string resultText(const std::string& scene, const CalibrationOutcome& outco
   const Determined found = determinedOf(outcome);
   bool base = false;
   for (const estimation::Parameter& one : found.parameters) {
-    if (beginsWith(one.name, kBase)) {
+    if (one.name.rfind(kBase, 0) == 0) {
       base = true;
     } else {
       list.push_back(textOf(one));

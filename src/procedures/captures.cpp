@@ -32,11 +32,6 @@ constexpr NamedKind kKinds[] = {
     {DataKind::kLengths, "length_m", "free lengths"},
 };
 
-// Poses and series have columns of positions alike.
-bool isTipSeries(const io::DataSet& data) {
-  return data.find("time_s") >= 0 && data.find("tag") < 0;
-}
-
 [[noreturn]] void refuse(const std::string& file, const std::string& fault) {
   throw io::DocumentError(file + " " + fault);
 }
@@ -176,65 +171,10 @@ void requirePressures(const std::string& file, const model::Arm& arm) {
   }
 }
 
-}  // namespace
-
-std::vector<int> LoadedCaptures::unknownIds() const {
-  std::vector<int> ids;
-  for (const auto& [id, observations] : unknown_tags) ids.push_back(id);
-  return ids;
-}
-
-DataKind kindOf(const io::DataSet& data) {
-  const NamedKind* found = nullptr;
-  for (const NamedKind& kind : kKinds) {
-    if (data.find(kind.column) < 0) continue;
-    if (found != nullptr) {
-      refuse(data.path, std::string("has columns ") + found->column + " of " + found->text +
-                            " and " + kind.column + " of " + kind.text +
-                            "; expected only one of them");
-    }
-    found = &kind;
-  }
-  if (found != nullptr && found->kind == DataKind::kTagPoses && isTipSeries(data)) {
-    return DataKind::kTipSeries;
-  }
-  if (found != nullptr && found->kind == DataKind::kTagPoses && data.find("tag") < 0) {
-    refuse(data.path,
-           "has positions, but neither a column time_s of a series of the tip nor a "
-           "column tag of tag poses; expected one of them");
-  }
-  if (found != nullptr) return found->kind;
-  std::vector<std::string> known;
-  for (const NamedKind& kind : kKinds)
-    known.push_back(std::string(kind.column) + " of " + kind.text +
-                    (kind.kind == DataKind::kTagPoses ? " or a series of the tip" : ""));
-  refuse(data.path, "has none of the columns that identify its kind of data; expected " +
-                        basics::joined(known) + ": convert what it has, and rename its columns");
-}
-
-namespace {
-
 Eigen::MatrixXd pressuresOf(const io::DataSet& data, const model::Arm& arm) {
   requirePressures(data.path, arm);
   return io::pressuresOf(data, arm.actuatorCount());
 }
-
-}  // namespace
-
-Eigen::MatrixXd pressuresWithinLimits(const io::DataSet& data, const model::Arm& arm) {
-  Eigen::MatrixXd pressures = pressuresOf(data, arm);
-  io::FaultList faults(data.path);
-  for (int row = 0; row < pressures.rows(); ++row) {
-    for (int i = 0; i < pressures.cols(); ++i) {
-      const auto fault = limitFault(arm.actuator(i), i + 1, pressures(row, i));
-      if (fault) faults.add(data.lines[row], *fault);
-    }
-  }
-  faults.throwIfAny();
-  return pressures;
-}
-
-namespace {
 
 // By the columns of a row; of no effect without them. @return a fault, if there is one.
 std::optional<std::string> readHung(const io::Scene& scene, const io::DataSet& data,
@@ -275,6 +215,52 @@ std::optional<std::string> readHung(const io::Scene& scene, const io::DataSet& d
 }
 
 }  // namespace
+
+std::vector<int> LoadedCaptures::unknownIds() const {
+  std::vector<int> ids;
+  for (const auto& [id, observations] : unknown_tags) ids.push_back(id);
+  return ids;
+}
+
+DataKind kindOf(const io::DataSet& data) {
+  const NamedKind* found = nullptr;
+  for (const NamedKind& kind : kKinds) {
+    if (data.find(kind.column) < 0) continue;
+    if (found != nullptr) {
+      refuse(data.path, std::string("has columns ") + found->column + " of " + found->text +
+                            " and " + kind.column + " of " + kind.text +
+                            "; expected only one of them");
+    }
+    found = &kind;
+  }
+  if (found != nullptr) {
+    // Poses and series have columns of positions alike.
+    if (found->kind != DataKind::kTagPoses || data.find("tag") >= 0) return found->kind;
+    if (data.find("time_s") >= 0) return DataKind::kTipSeries;
+    refuse(data.path,
+           "has positions, but neither a column time_s of a series of the tip nor a "
+           "column tag of tag poses; expected one of them");
+  }
+  std::vector<std::string> known;
+  for (const NamedKind& kind : kKinds)
+    known.push_back(std::string(kind.column) + " of " + kind.text +
+                    (kind.kind == DataKind::kTagPoses ? " or a series of the tip" : ""));
+  refuse(data.path, "has none of the columns that identify its kind of data; expected " +
+                        basics::joined(known) + ": convert what it has, and rename its columns");
+}
+
+Eigen::MatrixXd pressuresWithinLimits(const io::DataSet& data, const model::Arm& arm) {
+  Eigen::MatrixXd pressures = pressuresOf(data, arm);
+  io::FaultList faults(data.path);
+  for (int row = 0; row < pressures.rows(); ++row) {
+    for (int i = 0; i < pressures.cols(); ++i) {
+      const auto fault = limitFault(arm.actuator(i), i + 1, pressures(row, i));
+      if (fault) faults.add(data.lines[row], *fault);
+    }
+  }
+  faults.throwIfAny();
+  return pressures;
+}
 
 std::map<int, statics::PointLoad> hungOf(const io::Scene& scene, const io::DataSet& data) {
   static const std::vector<std::string> kColumns{"load_mass_kg", "load_force_x_n", "load_force_y_n",

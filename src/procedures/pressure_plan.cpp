@@ -4,7 +4,6 @@
 #include <cmath>
 #include <stdexcept>
 #include <string>
-#include <utility>
 
 #include "helix_arm/basics/pi.hpp"
 
@@ -13,9 +12,8 @@ namespace {
 
 constexpr std::array<double, 12> kLevels = {0, 10, 15, 20, 25, 30, 35, 40, 45, 50, 55, 60};  // psi
 
-control::Refusal refuse(control::Fault fault, const std::string& message) {
-  return {fault, message};
-}
+using control::Fault;
+using control::Refusal;
 
 constexpr double kFullAngle = 2 * basics::kPi;
 constexpr int kStops = 12;  // on the way around
@@ -58,26 +56,25 @@ control::Checked<Eigen::MatrixXd> checkPlan(const model::Arm& arm, const std::ve
   if (rows.empty()) return loop ? thereAndBack(risingPressurePlan(arm)) : defaultPressurePlan(arm);
   const auto count = static_cast<std::size_t>(arm.actuatorCount());
   if (rows.size() % count != 0) {
-    return refuse(control::Fault::kWrongSize,
-                  "a plan of " + std::to_string(rows.size()) + " pressures for " +
-                      std::to_string(count) +
-                      " actuators; send one per step and actuator, row by row");
+    return Refusal{Fault::kWrongSize, "a plan of " + std::to_string(rows.size()) +
+                                          " pressures for " + std::to_string(count) +
+                                          " actuators; send one per step and actuator, row by row"};
   }
   Eigen::MatrixXd plan(rows.size() / count, count);
   for (Eigen::Index step = 0; step < plan.rows(); ++step) {
     const auto first = rows.begin() + step * plan.cols();
     const auto checked = control::checkPressures(arm, Eigen::VectorXd::Zero(plan.cols()), {},
                                                  std::vector<double>(first, first + plan.cols()));
-    if (const auto* refusal = std::get_if<control::Refusal>(&checked)) {
-      return refuse(refusal->fault,
-                    "step " + std::to_string(step + 1) + " of the plan: " + refusal->message);
+    if (const auto* refusal = std::get_if<Refusal>(&checked)) {
+      return Refusal{refusal->fault,
+                     "step " + std::to_string(step + 1) + " of the plan: " + refusal->message};
     }
     plan.row(step) = std::get<Eigen::VectorXd>(checked);
   }
   if ((plan.rowwise() - plan.row(0)).isZero(0.0)) {
-    return refuse(control::Fault::kOutOfRange,
-                  "a plan of one pressure, which cannot distinguish parameters; send at least two "
-                  "different pressures");
+    return Refusal{Fault::kOutOfRange,
+                   "a plan of one pressure, which cannot distinguish parameters; send at least two "
+                   "different pressures"};
   }
   return loop ? thereAndBack(plan) : plan;
 }

@@ -126,41 +126,31 @@ void append(const ResponseSeries& more, const std::string& file, ResponseSeries&
     to = more;
     return;
   }
-  if (more.history.time.empty() != to.history.time.empty()) {
-    throw io::DocumentError(file +
-                            (more.history.time.empty() ? " has no column time_s, but"
-                                                       : " has a column time_s, unlike") +
-                            " the files of its kind before; expected times in all of them or none");
-  }
-  if (more.history.input.cols() != to.history.input.cols()) {
+  const auto require = [&file](bool same, bool lacks, const std::string& article,
+                               const std::string& what, const char* expected) {
+    if (same) return;
     throw io::DocumentError(
-        file +
-        (more.history.input.cols() == 0 ? " has no pressures, but" : " has pressures, unlike") +
-        " the files of its kind before; expected pressures in all of them or "
-        "none");
-  }
-  if (more.planar != to.planar) {
-    throw io::DocumentError(
-        file + (more.planar ? " has no column z_m, but" : " has a column z_m, unlike") +
-        " the files of its kind before; expected z_m in all of them or none");
-  }
-  if (more.rotation.empty() != to.rotation.empty()) {
-    throw io::DocumentError(
-        file + (more.rotation.empty() ? " has no column qx, but" : " has a column qx, unlike") +
-        " the files of its kind before; expected orientations in all of them or none");
-  }
+        file + (lacks ? " has no " + what + ", but" : " has " + article + what + ", unlike") +
+        " the files of its kind before; expected " + expected + " in all of them or none");
+  };
+  const model::InputHistory& one = more.history;
+  require(one.time.empty() == to.history.time.empty(), one.time.empty(), "a ", "column time_s",
+          "times");
+  require(one.input.cols() == to.history.input.cols(), one.input.cols() == 0, "", "pressures",
+          "pressures");
+  require(more.planar == to.planar, more.planar, "a ", "column z_m", "z_m");
+  require(more.rotation.empty() == to.rotation.empty(), more.rotation.empty(), "a ", "column qx",
+          "orientations");
   to.rotation.insert(to.rotation.end(), more.rotation.begin(), more.rotation.end());
   to.trials.insert(to.trials.end(), more.trials.begin(), more.trials.end());
-  const Eigen::Index before = to.history.rows();
-  Eigen::MatrixXd input(before + more.history.rows(), to.history.input.cols());
-  input << to.history.input, more.history.input;
-  Eigen::MatrixXd reading(input.rows(), to.reading.cols());
-  reading << to.reading, more.reading;
-  to.history.input = std::move(input);
-  to.reading = std::move(reading);
-  to.history.time.insert(to.history.time.end(), more.history.time.begin(), more.history.time.end());
-  to.history.starts_anew.insert(to.history.starts_anew.end(), more.history.starts_anew.begin(),
-                                more.history.starts_anew.end());
+  const Eigen::Index rows = to.history.rows() + one.rows();
+  to.history.input.conservativeResize(rows, Eigen::NoChange);
+  to.history.input.bottomRows(one.rows()) = one.input;
+  to.reading.conservativeResize(rows, Eigen::NoChange);
+  to.reading.bottomRows(one.rows()) = more.reading;
+  to.history.time.insert(to.history.time.end(), one.time.begin(), one.time.end());
+  to.history.starts_anew.insert(to.history.starts_anew.end(), one.starts_anew.begin(),
+                                one.starts_anew.end());
 }
 
 std::vector<estimation::LengthSample> effectiveSamples(const ResponseSeries& lengths,

@@ -40,41 +40,7 @@ const model::Actuator& highest(const model::Arm& arm) {
   return arm.actuator(best);
 }
 
-}  // namespace
-
-const char* nameOf(Severity severity) {
-  switch (severity) {
-    case Severity::kNote:
-      return "note";
-    case Severity::kWarning:
-      return "warning";
-    case Severity::kFault:
-      break;
-  }
-  return "fault";
-}
-
-void sortBySeverity(std::vector<Finding>& findings) {
-  std::stable_sort(findings.begin(), findings.end(),
-                   [](const Finding& a, const Finding& b) { return a.severity > b.severity; });
-}
-
-bool RigCheck::hasFault() const {
-  return std::any_of(findings.begin(), findings.end(),
-                     [](const Finding& finding) { return finding.severity == Severity::kFault; });
-}
-
-std::vector<Finding> checkSupply(const io::Scene& scene, double supply) {
-  const model::Actuator& most = highest(scene.arm);
-  if (supply >= most.limits.upper) return {};
-  return {{Severity::kWarning, "supply", most.name,
-           "its limit is " + kpa(most.limits.upper) + ", and the supply gives " + kpa(supply) +
-               ": pressures above that are never reached",
-           "raise the supply, or lower max_pressure_kpa"}};
-}
-
 // The parts of checkRig(). Each adds its findings.
-namespace {
 
 // Parts of a curve's range and length.
 constexpr double kLeastStroke = 0.03;
@@ -258,33 +224,26 @@ void checkMounting(const io::Scene& scene, std::vector<Finding>& findings) {
       oblique.add(tag.id, tag.tilt / kDegree);
     }
   }
-  if (!off.ids.empty()) {
-    findings.push_back({Severity::kWarning, "tag_off_arm", off.culprit(),
-                        "outside the arm's skin by " + off.values.text() +
-                            " mm; expected at most the radius of the skin there, " +
-                            off.bounds.text() + " mm",
-                        "check position_m of the group: it counts from the actuator if the group "
-                        "names one, otherwise from the base curve"});
-  }
-  if (!inside.ids.empty()) {
-    findings.push_back({Severity::kFault, "tag_inside_arm", inside.culprit(),
-                        "the centre is " + inside.values.text() +
-                            " mm from the base curve, inside the arm, whose skin is at " +
-                            inside.bounds.text() + " mm",
-                        "set position_m of the group to where it is glued"});
-  }
-  if (!inward.ids.empty()) {
-    findings.push_back({Severity::kFault, "tag_faces_inward", inward.culprit(),
-                        "the face points " + inward.values.text() +
-                            " deg from outwards; expected less than 90 deg",
-                        "turn it by rpy_deg of the group, so that its z axis points away from the "
-                        "arm"});
-  }
-  if (!oblique.ids.empty()) {
-    findings.push_back({Severity::kNote, "tag_oblique", oblique.culprit(),
-                        "the face points " + oblique.values.text() + " deg from outwards",
-                        "check rpy_deg of the group"});
-  }
+  const auto tell = [&findings](Severity severity, const char* cause, const Tags& of,
+                                const std::string& text, const char* remedy) {
+    if (!of.ids.empty()) findings.push_back({severity, cause, of.culprit(), text, remedy});
+  };
+  tell(Severity::kWarning, "tag_off_arm", off,
+       "outside the arm's skin by " + off.values.text() +
+           " mm; expected at most the radius of the skin there, " + off.bounds.text() + " mm",
+       "check position_m of the group: it counts from the actuator if the group names one, "
+       "otherwise from the base curve");
+  tell(Severity::kFault, "tag_inside_arm", inside,
+       "the centre is " + inside.values.text() +
+           " mm from the base curve, inside the arm, whose skin is at " + inside.bounds.text() +
+           " mm",
+       "set position_m of the group to where it is glued");
+  tell(Severity::kFault, "tag_faces_inward", inward,
+       "the face points " + inward.values.text() + " deg from outwards; expected less than 90 deg",
+       "turn it by rpy_deg of the group, so that its z axis points away from the arm");
+  tell(Severity::kNote, "tag_oblique", oblique,
+       "the face points " + oblique.values.text() + " deg from outwards",
+       "check rpy_deg of the group");
 }
 
 struct Pairs {
@@ -521,6 +480,37 @@ std::optional<VisionFigures> checkVision(const io::Scene& scene, int samples,
 }
 
 }  // namespace
+
+const char* nameOf(Severity severity) {
+  switch (severity) {
+    case Severity::kNote:
+      return "note";
+    case Severity::kWarning:
+      return "warning";
+    case Severity::kFault:
+      break;
+  }
+  return "fault";
+}
+
+void sortBySeverity(std::vector<Finding>& findings) {
+  std::stable_sort(findings.begin(), findings.end(),
+                   [](const Finding& a, const Finding& b) { return a.severity > b.severity; });
+}
+
+bool RigCheck::hasFault() const {
+  return std::any_of(findings.begin(), findings.end(),
+                     [](const Finding& finding) { return finding.severity == Severity::kFault; });
+}
+
+std::vector<Finding> checkSupply(const io::Scene& scene, double supply) {
+  const model::Actuator& most = highest(scene.arm);
+  if (supply >= most.limits.upper) return {};
+  return {{Severity::kWarning, "supply", most.name,
+           "its limit is " + kpa(most.limits.upper) + ", and the supply gives " + kpa(supply) +
+               ": pressures above that are never reached",
+           "raise the supply, or lower max_pressure_kpa"}};
+}
 
 RigCheck checkRig(const io::Scene& scene, int samples) {
   RigCheck check;

@@ -52,10 +52,6 @@ constexpr double kStillShare = 0.75;
 constexpr std::size_t kMostReadings = 1 << 17;
 constexpr std::size_t kMostObservations = 1 << 13;
 
-void requirePositive(const char* what, double value) {
-  basics::requirePositive("the settle rules", what, value);
-}
-
 // Motion of the tags between two pictures: the distance that kStillShare of the common tags stay
 // below [px]; absent without common tags.
 std::optional<double> distanceBetween(const std::vector<TagObservation>& a,
@@ -95,10 +91,10 @@ std::string staleness(std::optional<double> last, double now, double max_age, co
 }  // namespace
 
 void SettleRules::validate() const {
-  requirePositive("pressure_tolerance", pressure_tolerance);
-  requirePositive("corner_tolerance", corner_tolerance);
-  requirePositive("window", window);
-  requirePositive("max_age", max_age);
+  basics::requirePositive("the settle rules", {{"pressure_tolerance", pressure_tolerance},
+                                               {"corner_tolerance", corner_tolerance},
+                                               {"window", window},
+                                               {"max_age", max_age}});
 }
 
 SettleWatch::SettleWatch(std::vector<std::string> names, const SettleRules& rules)

@@ -70,7 +70,6 @@ UnrolledTag unroll(const model::Arm& arm, const estimation::TagPlacement& tag) {
 
 std::vector<UnrolledTag> unrolled(const model::Arm& arm, const estimation::TagLayout& layout) {
   std::vector<UnrolledTag> tags;
-  tags.reserve(layout.tags.size());
   for (const estimation::TagPlacement& tag : layout.tags) tags.push_back(unroll(arm, tag));
   return tags;
 }
