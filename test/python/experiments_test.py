@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import brentq
 
-from helix_arm.experiments import EXPERIMENTS, Recording, iso9283, read_series
+from helix_arm.experiments import EXPERIMENTS, Recording, iso9283, read_series, step
 
 DATA = Path("/work/shared/data")
 COMMAND = None
@@ -56,6 +56,11 @@ class ClosedFormTest(unittest.TestCase):
         self.assertAlmostEqual(found["m up 63 % time, tip"].value, 0.01 + rest, delta=0.001)
         self.assertAlmostEqual(found["m frequency"].value, w / 2 / math.pi, delta=0.01)
         self.assertAlmostEqual(found["m damping ratio"].value, zeta, delta=0.01)
+
+    def test_the_vent_after_the_last_step_is_no_part_of_it(self):
+        time = np.arange(0, 8, 0.01)
+        target = np.interp(time, [0, 0.1, 2, 2.1, 4, 4.1, 6, 6.1], [0, 10, 10, 60, 60, 10, 10, 0])
+        self.assertLess(time[step.steps_of(time, target)[-2].end], 6.02)
 
     def test_loop_of_play_and_lag(self):
         period = np.where(TIME < 100, 20.0, 5.0)

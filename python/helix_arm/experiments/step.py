@@ -14,7 +14,7 @@ from helix_arm.scene import Scene
 
 REPEATS, HOLD_S, TOP = 5, 8.0, 0.6  # TOP: share of the range
 LEVELS = {"t5": (0.05, "dead time"), "t63": (0.63, "63 % time"), "t90": (0.90, "90 % time"), "t98": (0.98, "98 % time")}
-LEAST, STILL, STILL_S = 0.2, 0.05, 0.1  # changes of the range of pressure that are a step, and that are none
+LEAST, STILL, STILL_S = 0.15, 0.05, 0.1  # changes of the range of pressure that are a step, and that are none
 MISFIT, LEAST_WIDTH = 1.3, 1.5  # variance about a fit, by that of the noise; half width of a fit, by the spacing of readings
 RINGING = 2 / 3  # of the releases and steps, that have to ring
 SURE = 4.5  # standard deviations of a fitted value
