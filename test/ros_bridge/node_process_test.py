@@ -257,7 +257,8 @@ class LaunchFiles(Case):
 
 # What it takes to have all nodes of a launch file; one variant without arguments where it is not among these.
 VARIANTS = {"arm.launch": ["vision:=rendered closed_loop:=true calibration:=true workspace:=true"],
-            "demo.launch": ["", "calibration:=true"], "follow.launch": ["path:=circle"], "vision.launch": ["", "manager:=/eyes"],
+            "demo.launch": ["", "calibration:=true"], "follow.launch": ["path:=circle"], "teleop.launch": ["", "device:=spacenav"],
+            "vision.launch": ["", "manager:=/eyes"],
             "two_machines.launch": ["role:=control rig:=true", "role:=camera commander:=true data:=tour_3 rviz:=true"]}
 HOSTS = """import json, sys, roslaunch.config as config
 for file, arguments in json.loads(sys.argv[1]):
