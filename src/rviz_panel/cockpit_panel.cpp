@@ -122,8 +122,8 @@ class CalibrationBox : public QWidget {
     text_ = makeText(this, "calibration");
     warnings_ = makeText(this, "calibration_warnings");
     addRunRow(grid, fit_, progress_, {start_, cancel_, use_});
-    grid->addWidget(warnings_, 1, 0, 1, -1);
-    grid->addWidget(text_, 2, 0, 1, -1);
+    grid->addWidget(text_, 1, 0, 1, -1);
+    grid->addWidget(warnings_, 2, 0, 1, -1);
   }
 
   void display(const CockpitView& view) {

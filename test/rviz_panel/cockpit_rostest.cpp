@@ -79,11 +79,14 @@ class Cockpit : public PanelWindow {
     ASSERT_EQ(xdotool.exitCode(), 0) << xdotool.output();
   }
 
-  // Without scrolling, and without another widget over it.
+  // Comes to be without scrolling, and without another widget over it.
   void expectInSight(const char* name) {
     auto* const widget = find<QWidget>(name);
-    EXPECT_TRUE(widget->isVisible()) << name;
-    EXPECT_EQ(widget->visibleRegion(), QRegion(widget->rect())) << name << " is cut";
+    EXPECT_TRUE(until([&] {
+      return widget->isVisible() && widget->visibleRegion() == QRegion(widget->rect());
+    })) << name
+        << " is cut: " << widget->visibleRegion().boundingRect().height() << " of "
+        << widget->height() << " px are in sight";
   }
   // What a FixedText shows of its text, in one line.
   QString painted(const char* label) {
