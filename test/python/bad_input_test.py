@@ -238,7 +238,7 @@ def refused(call):
     else:
         raise AssertionError("not refused")
 kinds = [kind for kind in vars(_core).values() if isinstance(kind, type) and not issubclass(kind, Exception)]
-assert _core.Scene in kinds and len(kinds) == 7, kinds
+assert _core.Scene in kinds and len(kinds) == 8, kinds
 objects = [kind.__new__(kind) for kind in kinds + [helix_arm.Scene] * 2]
 try:
     objects[-1].__init__("/no/such.yaml")
@@ -262,7 +262,7 @@ print(len(objects))
 class UnmadeObjectTest(unittest.TestCase):
     def test_an_object_without_init_is_refused(self):
         result = subprocess.run([sys.executable, "-c", UNMADE], capture_output=True, text=True, timeout=60)
-        self.assertEqual((result.returncode, result.stderr, result.stdout), (0, "", "9\n"))
+        self.assertEqual((result.returncode, result.stderr, result.stdout), (0, "", "10\n"))
 
 
 class RandomCallTest(unittest.TestCase):
