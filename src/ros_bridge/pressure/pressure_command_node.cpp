@@ -206,6 +206,8 @@ class PressureLoop {
     end();
     ros::getGlobalCallbackQueue()->removeByID(reinterpret_cast<std::uint64_t>(this));
   }
+  PressureLoop(const PressureLoop&) = delete;
+  PressureLoop& operator=(const PressureLoop&) = delete;
 
   /// Sets the target of a commander: (n), inside the limits [Pa]. After a rest that another asked
   /// for, it is refused until it pauses for target_timeout, asks for rest, or the arm is enabled.
@@ -221,11 +223,13 @@ class PressureLoop {
     std::string refusal;
     if (auto_enable_ && core.mayEnableItself()) refusal = path_.enable(now);
     if (refusal.empty() && !path_.target(now, pressure)) refusal = path_.reason();
+    if (refusal.empty()) {
+      commander_ = commander;
+      rested_.release();
+    }
     publish(now);
-    if (!refusal.empty()) return control::Refusal{control::Fault::kNotEnabled, refusal};
-    commander_ = commander;
-    rested_.release();
-    return std::nullopt;
+    if (refusal.empty()) return std::nullopt;
+    return control::Refusal{control::Fault::kNotEnabled, refusal};
   }
 
   /// Replaces the rules of the same channels, and the arm with the same actuators.
