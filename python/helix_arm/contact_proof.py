@@ -14,7 +14,7 @@ from helix_arm import _core
 from helix_arm.arguments import require
 from helix_arm.client_watch import ClientWatch
 from helix_arm.file_access import quoted
-from helix_arm.jobs import JobSlot, answer, is_connected, serve_action, watch_sender
+from helix_arm.jobs import JobSlot, PatientClient, answer, serve_action, watch_sender
 from helix_arm.msg import (FollowTipPathAction, FollowTipPathFeedback, FollowTipPathGoal, FollowTipPathResult,
                            ProveContactAction, ProveContactFeedback, ProveContactGoal, ProveContactResult)
 from helix_arm.node import LONGEST_MESSAGE, end
@@ -49,7 +49,7 @@ class ProofAction:
     def __init__(self, follow: str, jobs: JobSlot, reload: ReloadServer, scene_path: Callable[[str], str]) -> None:
         self._follow, self._jobs, self._reload, self._scene_path = follow, jobs, reload, scene_path
         self.is_busy = False  # until the result of a goal is sent
-        self._client = actionlib.ActionClient(follow, FollowTipPathAction)
+        self._client = PatientClient(follow, FollowTipPathAction)
         self._server = serve_action("prove_contact", ProveContactAction, self._on_goal)
 
     def _on_goal(self, goal: ProveContactGoal) -> None:
@@ -89,9 +89,10 @@ class ProofAction:
     def _move(self, path: FollowTipPathGoal) -> FollowTipPathResult:
         """Raises ValueError with the reason where the path was not followed to its end."""
         start = time.monotonic()
-        while not is_connected(self._client):
+        while not self._client.is_connected():
             require(time.monotonic() - start < PATIENCE and not end.made(),
                     f"no action {self._follow}; is visual_servo up (closed_loop:=true of arm.launch)?")
+            self._client.ask_again()
             time.sleep(BETWEEN_LOOKS)
         seconds = path.path.points[-1].time_from_start.to_sec()
 

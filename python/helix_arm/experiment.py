@@ -23,7 +23,6 @@ from helix_arm.reload import SCENES, ReloadServer
 from helix_arm.scene import Scene
 
 FEEDBACK_PERIOD = 0.2  # [s]
-RUN = "run_experiment is running; wait for it, or cancel it first"
 
 
 class Experiment(Node):
@@ -57,7 +56,7 @@ class Experiment(Node):
         result, client = RunExperimentResult(), watch_sender(self._server)
 
         def body() -> None:
-            with self._jobs.claim(RUN):
+            with self._jobs.claim("run_experiment is running; wait for it, or cancel it first"):
                 try:
                     self._measure(goal, result, client)
                 finally:

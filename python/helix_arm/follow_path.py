@@ -12,7 +12,6 @@ import threading
 import time
 from typing import Any, Callable, List, Optional
 
-import actionlib
 import actionlib.action_client
 import numpy as np
 import rospy
@@ -21,7 +20,7 @@ from trajectory_msgs.msg import MultiDOFJointTrajectoryPoint
 
 from helix_arm import _core, run_record
 from helix_arm.file_access import RECORDED_RUN, FileAccess, quoted
-from helix_arm.jobs import is_connected
+from helix_arm.jobs import PatientClient
 from helix_arm.msg import ArmShape, FollowTipPathAction, FollowTipPathFeedback, FollowTipPathGoal, PressureArray
 from helix_arm.node import DONE, FAILED, LONGEST_MESSAGE, FaultCount, Node, Parameters, end, listen, log, run
 
@@ -29,7 +28,6 @@ MOST_ACTUATORS = 100
 LONGEST_NAME = 40  # of an actuator, a frame or a state
 LONGEST_OUTCOME = 300
 LAST_WORDS = 1.0  # of the topics that are recorded, after the end [s]
-LINK_PATIENCE = 5.0  # after which all links to the action are asked for again [s]
 WORD_PERIOD = 1.0  # between two lines of the log [s]
 
 
@@ -170,13 +168,8 @@ class FollowPath(Node):
         self._recorder: Optional[RunRecorder] = None
         if table or figure:
             self._recorder = RunRecorder(table, figure, self._path, self._seconds, self._lock)
-        self._connect()
+        self._client = PatientClient(self._action, FollowTipPathAction)
         self._sent_goal: Optional[actionlib.ClientGoalHandle] = None
-
-    def _connect(self) -> None:
-        # A SimpleActionClient loses an answer that comes before its send_goal() returns.
-        self._client = actionlib.ActionClient(self._action, FollowTipPathAction)
-        self._asked = time.monotonic()
 
     def finish(self) -> int:
         with self._lock:
@@ -200,7 +193,7 @@ class FollowPath(Node):
             call()
 
     def _take_turn(self) -> Optional[Callable[[], None]]:
-        connected = is_connected(self._client)
+        connected = self._client.is_connected()
         if not self.may_end() and not connected:
             log.fatal(f"{self._action} has ended before the path")
             self._end_with(FAILED, "the action has ended before the path")
@@ -215,10 +208,8 @@ class FollowPath(Node):
             log.fatal(f"no action {self._action} for {self._patience:g} s; is visual_servo up (closed_loop:=true of arm.launch)?")
             self._verdict = FAILED
             end.make()
-        elif not self._sent and time.monotonic() - self._asked > LINK_PATIENCE:
-            # ROS does not repeat a word between two nodes that was lost.
-            self._client.stop()
-            self._connect()
+        elif not self._sent:
+            self._client.ask_again()
         return None
 
     def _send(self) -> None:

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
+import time
 from typing import Any, Callable, Iterator
 
 import actionlib
@@ -12,6 +13,8 @@ from helix_arm import _core
 from helix_arm.arguments import require
 from helix_arm.client_watch import ClientWatch
 from helix_arm.node import log
+
+LINK_PATIENCE = 5.0  # after which all links to an action are asked for again [s]
 
 
 def text_of(fault: Exception) -> str:
@@ -47,14 +50,27 @@ def watch_sender(server: actionlib.SimpleActionServer) -> ClientWatch:
     return ClientWatch(tracker.goal._connection_header.get("callerid", ""))
 
 
-def is_connected(client: actionlib.ActionClient) -> bool:
-    """Whether its server is there and gets its goals: unlike wait_for_server(), where it has ended since."""
-    if client.last_status_msg is None:
-        return False
-    server = client.last_status_msg._connection_header["callerid"]
-    return (all(publisher.impl.has_connection(server) for publisher in (client.pub_goal, client.pub_cancel)) and
-            all(any(one.callerid_pub == server and one.socket is not None for one in subscriber.impl.connections)
-                for subscriber in (client.result_sub, client.feedback_sub)))
+class PatientClient(actionlib.ActionClient):
+    """Of an action by its resolved name. A SimpleActionClient loses an answer that comes before its send_goal() returns."""
+
+    def __init__(self, action: str, kind: Any) -> None:
+        self._asked = time.monotonic()
+        super().__init__(action, kind)
+
+    def is_connected(self) -> bool:
+        """Whether its server is there and gets its goals: unlike wait_for_server(), where it has ended since."""
+        if self.last_status_msg is None:
+            return False
+        server = self.last_status_msg._connection_header["callerid"]
+        return (all(publisher.impl.has_connection(server) for publisher in (self.pub_goal, self.pub_cancel)) and
+                all(any(one.callerid_pub == server and one.socket is not None for one in subscriber.impl.connections)
+                    for subscriber in (self.result_sub, self.feedback_sub)))
+
+    def ask_again(self) -> None:
+        """Before a goal, often: asks anew for links that have not come, since ROS does not repeat a word that was lost."""
+        if time.monotonic() - self._asked > LINK_PATIENCE:
+            self.stop()
+            self.__init__(self.ns, self.ActionSpec)
 
 
 class JobSlot:

@@ -12,7 +12,7 @@ import rospy
 from std_srvs.srv import Trigger
 
 from helix_arm.arguments import require
-from helix_arm.experiments.rig import FASTEST_S, Inputs, Recording, RowSink
+from helix_arm.experiments.rig import Inputs, Recording, RowSink, slew_of
 from helix_arm.file_access import quoted
 from helix_arm.msg import ArmShape, ExternalLoad, LoopStatus, PressureArray, SafetyState, TargetStatus, VisionStatus
 from helix_arm.node import LONGEST_MESSAGE, end, listen, log
@@ -54,7 +54,7 @@ class LiveRig:
     def adopt(self, scene: Scene) -> None:
         """Another scene of the same arm."""
         self._scene, self.origin, self.limits_pa = scene, f"arm of {scene.name}", scene.limits_pa
-        self.slew_pa_s = min(*scene._slew_pa_s, float(np.ptp(scene.limits_pa, axis=1).max()) / FASTEST_S)
+        self.slew_pa_s = slew_of(scene)
 
     def turn(self) -> None:
         """Sends the target of this moment, while there is one."""

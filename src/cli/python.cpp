@@ -7,13 +7,13 @@
 #include "arguments.hpp"
 #include "command.hpp"
 #include "helix_arm/io/shipped_files.hpp"
+#include "helix_arm/procedures/report_plot.hpp"
 
 namespace helix_arm::cli {
 
 int runPython(const std::string& script, std::vector<std::string> words) {
   const auto program = std::filesystem::read_symlink("/proc/self/exe");
-  const auto prefix = program.parent_path().parent_path().parent_path();
-  const auto file = prefix / "share/helix_arm/programs" / (script + ".py");
+  const auto file = procedures::scriptPath(script + ".py");
   words.insert(words.begin(), {"/usr/bin/python3", file, program});
   std::vector<char*> arguments(words.size() + 1);
   std::transform(words.begin(), words.end(), arguments.begin(),

@@ -21,13 +21,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Where a script is: beside the program where it is installed, else among the files of the package.
-fs::path pathOf(const std::string& script) {
-  std::error_code error;
-  const fs::path beside = fs::read_symlink("/proc/self/exe", error).parent_path() / script;
-  return fs::exists(beside, error) ? beside : fs::path(io::shippedFolder("scripts")) / script;
-}
-
 // A folder of its own for temporary files, which goes away with the object.
 class Folder {
  public:
@@ -84,6 +77,12 @@ int exitCodeOf(std::vector<std::string> words, const fs::path& printed) {
 
 }  // namespace
 
+fs::path scriptPath(const std::string& script) {
+  std::error_code error;
+  const fs::path beside = fs::read_symlink("/proc/self/exe", error).parent_path() / script;
+  return fs::exists(beside, error) ? beside : fs::path(io::shippedFolder("scripts")) / script;
+}
+
 std::string runScript(const std::string& script, const std::string& report,
                       const std::vector<std::string>& arguments, const std::string& failure,
                       const ReportPart& beside) {
@@ -91,7 +90,7 @@ std::string runScript(const std::string& script, const std::string& report,
   const Folder folder;
   if (!beside.name.empty()) written(beside, folder);
   const fs::path printed = folder / "printed.txt";
-  std::vector<std::string> words{pathOf(script), written({"report.json", report}, folder)};
+  std::vector<std::string> words{scriptPath(script), written({"report.json", report}, folder)};
   words.insert(words.end(), arguments.begin(), arguments.end());
   const int exit_code = exitCodeOf(words, printed);
   std::string text = contentOf(printed);
@@ -104,7 +103,7 @@ std::string drawReport(const std::string& report, const fs::path& picture,
                        const std::string& without, const ReportPart& beside) {
   const std::string script = "plot_report";
   return runScript(script, report, {picture},
-                   picture.string() + " could not be drawn by " + pathOf(script).string() +
+                   picture.string() + " could not be drawn by " + scriptPath(script).string() +
                        "; install python3-matplotlib, or " + without,
                    beside);
 }

@@ -11,8 +11,10 @@ struct ReportPart {
   std::string name, content;
 };
 
-/// Runs a script of the package, which is beside the program where it is installed, else in its
-/// folder scripts, on a report: a JSON document.
+/// Where a script is: beside the program where it is installed, else among the package's files.
+std::filesystem::path scriptPath(const std::string& script);
+
+/// Runs a script of the package on a report: a JSON document.
 ///
 /// @param arguments  behind the report's file.
 /// @param failure    message where the script fails.

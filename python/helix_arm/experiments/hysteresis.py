@@ -162,8 +162,7 @@ def _play_and_lag(name: str, rates: List[List[Cycle]]) -> List[Figure]:
     if len(rates) < 2 or rates[-1][0].rate < 1.5 * rates[0][0].rate:
         why = "it takes cycles at two rates."
         return [Figure.unknown(f"{name} play", "r", "kPa", why), Figure.unknown(f"{name} lag", "tau", "s", why)]
-    slow, fast = rates[0], rates[-1]
-    pairs = list(zip(slow, fast))
+    pairs = list(zip(rates[0], rates[-1]))  # slow, fast
     lags = [(b.gap - a.gap) / 2 / (b.rate - a.rate) for a, b in pairs]
     plays = [1e-3 * (a.gap / 2 - lag * a.rate) for (a, _), lag in zip(pairs, lags)]
     return [Figure(f"{name} play", "r", *of_repeats(plays), "kPa",

@@ -108,8 +108,7 @@ def plan_payload(rig: Rig, scene: Scene, options: Options) -> List[Trial]:
 
 def analyse_payload(recordings: Recordings, names: Sequence[str], scene: Optional[Scene] = None) -> Analysis:
     """recordings: named as in "hung 50 g 1" (mass, repeat) and "tip 1 told 1" (number of the tip, model, repeat)."""
-    out, hung, errors = Analysis(), {}, {}
-    wanted = None
+    out, hung, errors, wanted = Analysis(), {}, {}, None
     if scene is not None:
         limits = scene.limits_pa
         wanted = [scene.tips(limits[:, 0] + one * np.ptp(limits, axis=1)) for one in poses(len(limits))[1:4]]

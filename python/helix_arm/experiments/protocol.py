@@ -67,11 +67,11 @@ Recordings = Dict[str, Recording]
 
 @dataclass(frozen=True)
 class Experiment:
-    """plan: trials for a rig and its scene. analyse: of recordings by the names of their trials, and names of the actuators; those
-    of other rigs, too. needs: what only some rigs can do ("hang"), or ""."""
+    """plan: trials for a rig and its scene. analyse: of recordings by the names of their trials, names of the actuators, and the
+    scene if there is one; those of other rigs, too. needs: what only some rigs can do ("hang"), or ""."""
 
     plan: Callable[[Rig, Scene, Options], List[Trial]]
-    analyse: Callable[[Recordings, Sequence[str]], Analysis]
+    analyse: Callable[[Recordings, Sequence[str], Optional[Scene]], Analysis]
     needs: str = ""
 
 
@@ -133,6 +133,5 @@ def driven(recording: Recording) -> Tuple[int, np.ndarray]:
         raise ValueError("a recording has no pressures; expected the columns pressure_1_kpa ..")
     known = np.isfinite(recording.target_pa).all()
     every = recording.target_pa if known else recording.measured_pa
-    widths = np.subtract(*np.percentile(every, [97, 3], axis=0))
-    actuator = int(np.argmax(widths))
+    actuator = int(np.argmax(np.subtract(*np.percentile(every, [97, 3], axis=0))))
     return actuator, every[:, actuator]

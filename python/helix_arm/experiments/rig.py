@@ -88,6 +88,11 @@ class Rig(Protocol):
         """Sets a force (3,) at the tip, base frame [N], that stays until the next one. Raises RuntimeError where hangs is false."""
 
 
+def slew_of(scene: Scene) -> float:
+    """Rate that the safety core allows all targets, and at most a range in FASTEST_S [Pa/s]."""
+    return min(*scene._slew_pa_s, float(np.ptp(scene.limits_pa, axis=1).max()) / FASTEST_S)
+
+
 class SimulatedRig:
     """The simulated rig of a scene: regulators with lag and noise, the true arm with its motion, and a camera that sees tags.
 
@@ -105,7 +110,7 @@ class SimulatedRig:
         true = rig or scene
         self.origin = f"simulated rig {true.name} {true._sha256[:12]}{', plant ' + plant if plant else ''}, seed {seed}"
         self.limits_pa, self.rate_hz = scene.limits_pa, 1 / PICTURE_S
-        self.slew_pa_s = min(*scene._slew_pa_s, float(np.ptp(scene.limits_pa, axis=1).max()) / FASTEST_S)
+        self.slew_pa_s = slew_of(scene)
         self._force = np.zeros(3)
         try:
             _core.ExperimentRig(*self._parts[:2], "", seed).hang(np.array([1e-3, 0, 0]))
@@ -123,8 +128,7 @@ class SimulatedRig:
         looks = np.diff(np.floor(np.append(0, times) / PICTURE_S + 1e-9)) > 0  # a picture in the step in which its time comes
         targets, parts, ended = inputs.at(times), [np.zeros((0, 4 + 2 * inputs.pressure_pa.shape[1]))], ""
         for begin in range(0, len(times), SWEEP):
-            ended = stop()
-            if ended:
+            if ended := stop():
                 break
             piece = slice(begin, begin + SWEEP)
             seen = rig.advance(self._parts[0], targets[piece], STEP_S, looks[piece])
@@ -158,9 +162,8 @@ def read_series(path: Path, actuators: int) -> Dict[str, Recording]:
     trials: Dict[str, List[List[float]]] = {}
     with open(path, encoding="utf-8", newline="") as file:
         table = csv.DictReader(line for line in file if not line.startswith("#"))
-        names = table.fieldnames or []
         for column in ("time_s", "x_m", "y_m", "z_m"):
-            if column not in names:
+            if column not in (table.fieldnames or []):
                 expected = ", ".join(columns(actuators))
                 raise ValueError(f"{path} has no column {column}; expected those of a series of the tip: {expected}")
         for row in table:

@@ -145,12 +145,6 @@ def write(name: str, analysis: Analysis, scene: Optional[Scene], conditions: str
     return Result(**{**vars(result), "paths": paths})
 
 
-def settle_of(result: Result) -> float:
-    """Time in which the arm of a `step` comes to rest [s]."""
-    times = [one.value for one in result.figures if one.symbol == "t98" and one.name.endswith("tip") and one.value is not None]
-    return float(np.clip(SETTLE * max(times), 1.0, 30.0)) if times else Options.settle_s
-
-
 def measure_all(scene: Scene, rig: Rig, out: Path, options: Options, stop: Callable[[], str],
                 tell: Callable[[Progress], None]) -> List[Result]:
     """Each experiment in the order of EXPERIMENTS, then a sheet of all. Ends where one is stopped."""
@@ -160,7 +154,10 @@ def measure_all(scene: Scene, rig: Rig, out: Path, options: Options, stop: Calla
         if results[-1].ended:
             break
         if name == "step":
-            options = Options(options.actuators, options.repeats, options.hold_s, settle_of(results[-1]))
+            found = (one for one in results[-1].figures if one.symbol == "t98" and one.name.endswith("tip"))
+            times = [one.value for one in found if one.value is not None]
+            if times:
+                options = replace(options, settle_s=float(np.clip(SETTLE * max(times), 1.0, 30.0)))
     both = Analysis([one for result in results for one in result.figures],
                     [one for result in results for one in result.analysis.plots])
     write(ALL, both, scene, rig.origin, out, results[-1].ended)

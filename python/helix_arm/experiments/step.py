@@ -73,13 +73,9 @@ def steps_of(time: np.ndarray, pressure: np.ndarray) -> List[Step]:
             moves = False
             if abs(value - pressure[max(row - earlier, 0)]) <= quiet:
                 level = value
-    ends = [*begins[1:], len(time) - 1]
-    starts = [0, *begins[:-1]]
-
-    def level_of(begin: int, end: int) -> float:
-        return float(np.median(pressure[begin + (end - begin) // 2:end + 1]))
-
-    return [Step(b, e, level_of(s, b), level_of(b, e)) for s, b, e in zip(starts, begins, ends)]
+    bounds = [0, *begins, len(time) - 1]
+    levels = [float(np.median(pressure[a + (b - a) // 2:b + 1])) for a, b in zip(bounds, bounds[1:])]
+    return [Step(*one) for one in zip(begins, bounds[2:], levels, levels[1:])]
 
 
 def response_of(time: np.ndarray, values: np.ndarray, step: Step, earlier: int) -> Optional[Response]:
