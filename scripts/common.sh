@@ -42,9 +42,11 @@ source_ros() {
   set -u
 }
 
+codename() { (. /etc/os-release && printf '%s' "${VERSION_CODENAME:-unnamed}"); }
+
 # Debian includes ROS; Ubuntu 20.04 gets Noetic from packages.ros.org, 22.04 and 24.04 get ROS-O from its own archive.
 ros_release() {
-  case "$(. /etc/os-release && printf '%s' "${VERSION_CODENAME:-}")" in
+  case "$(codename)" in
     focal) printf noetic ;;
     jammy | noble) printf one ;;
     *) printf debian ;;
@@ -56,7 +58,7 @@ wanted_packages() {
   release="$(ros_release)"
   [[ $testing == OFF ]] || uses+="|-tests"
   [[ $packaging == OFF ]] || uses+="|-package"
-  local releases="all|$release"
+  local releases="all|$release|$(codename)"
   [[ $release == debian ]] || releases+="|ubuntu"
   sed -n -E "s/^($releases)($uses): *//p" "$root/scripts/packages.txt" | sed "s/ros-RELEASE-/ros-$release-/g"
 }

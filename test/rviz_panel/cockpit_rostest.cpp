@@ -56,12 +56,14 @@ class Cockpit : public PanelWindow {
     await([&] { return seconds() > end; });
   }
 
-  // A click of the X server at a place of a widget, from its left (0) to its right (1).
+  // A click of the X server at a place of a widget, from its left (0) to its right (1). The panel
+  // may offer it later than a subscriber of the test has what makes it possible.
   void click(const char* name, double place = 0.5) {
     QWidget* const widget = find<QWidget>(name);
+    if (!widget->isEnabled()) awaitOffer(name);
     open(widget);
     clickAt(widget->mapToGlobal(
-        {static_cast<int>(place * (widget->width() - 1)), widget->height() / 2}));
+        QPoint(static_cast<int>(place * (widget->width() - 1)), widget->height() / 2)));
   }
   // Clicks on the tab of a widget, if it has one.
   void open(QWidget* widget) {
