@@ -109,6 +109,10 @@ class PlotReport(unittest.TestCase):
         many["parameters"].update({f"tag_{i}_along": many["parameters"]["K_kappa"] for i in range(100)})
         self.assertLess(len(self.picture(many)), 2400)
 
+    def test_rows_of_a_trade_that_are_equal_stand_at_one_point(self):
+        row = {"tier": "linear", "time_ns": 100.0, "tip_error_percent": 0.1, "on_frontier": True}
+        self.assertGreater(self.picture({"rows": [row, {**row, "tier": "planar"}]}).mean(), 0.01)
+
     def write_cloud(self, width, missing=0):
         """Points in a box as helix_arm workspace writes them, of which some may be missing."""
         count, draw = 4000, random.Random(1).random
