@@ -3,7 +3,9 @@
 #include <exception>
 #include <iostream>
 #include <map>
+#include <memory>
 #include <optional>
+#include <string>
 
 #include "arguments.hpp"
 #include "command.hpp"
@@ -97,9 +99,21 @@ std::optional<int> parse(CLI::App& app, std::vector<std::string> arguments) {
   }
 }
 
+// Writes a default as "=value"; CLI11 does so up to 2.3, and as " [value] " later.
+struct Help : CLI::Formatter {
+  std::string make_option_opts(const CLI::Option* option) const override {
+    std::string text = CLI::Formatter::make_option_opts(option);
+    const std::string later = " [" + option->get_default_str() + "] ";
+    const std::size_t at = text.find(later);
+    if (at != std::string::npos) text.replace(at, later.size(), "=" + option->get_default_str());
+    return text;
+  }
+};
+
 int run(int argc, char** argv) {
   CLI::App app("Kinematics of pneumatic arms, with or without load: pressures to shape and back.",
                "helix_arm");
+  app.formatter(std::make_shared<Help>());  // of the subcommands as well
   app.footer(kFooter);
   app.set_version_flag("--version", "helix_arm " HELIX_ARM_VERSION);
   app.require_subcommand(1);
