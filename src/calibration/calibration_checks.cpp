@@ -292,16 +292,7 @@ std::optional<Verdict> unsound(const std::vector<ArmCaptures>& arms) {
     return Verdict{CalibrationStatus::kNoCaptures, "no capture has a reading; record some first"};
   }
   if (const auto fault = unbalanced(arms)) return Verdict{CalibrationStatus::kBadData, *fault};
-  const auto differs = [first](const Capture& capture) {
-    return !same(capture.pressure, first->pressure);
-  };
-  for (const ArmCaptures& arm : arms) {
-    if (std::any_of(arm.captures.begin(), arm.captures.end(), differs)) return std::nullopt;
-  }
-  return Verdict{
-      CalibrationStatus::kOnePressure,
-      text("all captures were taken at ", pressureText(first->pressure),
-           ", where the parameters cannot be distinguished; capture at other pressures, too")};
+  return std::nullopt;
 }
 
 Groups groupByPressure(const std::vector<ArmCaptures>& arms) {
@@ -320,6 +311,13 @@ Groups groupByPressure(const std::vector<ArmCaptures>& arms) {
 
 std::optional<Verdict> unfit(const std::vector<ArmCaptures>& arms,
                              const CalibrationOptions& options, ReadingKind kind) {
+  const Groups groups = groupByPressure(arms);
+  if (groups.pressure.size() == 1 && !options.free_shapes) {
+    return Verdict{
+        CalibrationStatus::kOnePressure,
+        text("all captures were taken at ", pressureText(groups.pressure.front()),
+             ", where the parameters cannot be distinguished; capture at other pressures, too")};
+  }
   std::optional<std::string> reason = unmet(arms, options, kind);
   if (!reason) reason = unlike(arms, options);
   if (!reason) return std::nullopt;

@@ -34,6 +34,8 @@ constexpr double kWrong = 0.1;
 constexpr double kLowered = 0.91, kLoweredFar = 0.5;
 // What a scene may be off by: no mistake is smaller. Gains and scales as fractions [Pa, m, rad].
 constexpr double kLeastGainError = 0.12, kLeastOffset = 12e3, kLeastTagError = 0.03;
+// A single picture shows tags that are 1 mm off as tags of another size.
+constexpr double kLeastTagErrorOfOne = 0.07;
 constexpr double kLeastLength = 0.02, kLeastMove = 0.01, kLeastTurn = 0.02;
 constexpr double kMostTurn = 2.0;  // of what was knocked; beyond it, it was put up otherwise [rad]
 // Of captures whose pressures are outside the limits as they are.
@@ -432,7 +434,8 @@ void changePixels(Case& one, const std::function<Eigen::Vector2d(const Eigen::Ve
   });
 }
 
-void addPictureTrials(const Camera& camera, std::vector<Trial>& trials) {
+void addPictureTrials(const ArmCaptures& arm, std::vector<Trial>& trials) {
+  const Camera& camera = arm.camera;
   for (const int side : {320, 640, 800, 1024, 1280, 1600, 1920, 2560, 3840}) {
     if (side == camera.width) continue;
     const auto scale = [factor = static_cast<double>(camera.width) / side](double, Case& one) {
@@ -463,8 +466,8 @@ void addPictureTrials(const Camera& camera, std::vector<Trial>& trials) {
                 " into the scene, measured over the outer edge of the black border");
   };
   const std::vector<double> factors{0.6, 0.8, 1.25, 1.6};
-  trials.push_back(
-      {"tag_size", "all tags", resize, resized, factors, 1.0, kLeastTagError, 1, false});
+  const double least = arm.captures.size() == 1 ? kLeastTagErrorOfOne : kLeastTagError;
+  trials.push_back({"tag_size", "all tags", resize, resized, factors, 1.0, least, 1, false});
 }
 
 // ---- The rig ----
@@ -547,7 +550,7 @@ std::vector<Trial> trialsFor(const ArmCaptures& arm, const CalibrationOptions& o
     addRowTrials(arm.layout, trials);
     addTurns(arm.layout, kind, options, trials);
   }
-  if (corners) addPictureTrials(arm.camera, trials);
+  if (corners) addPictureTrials(arm, trials);
   if (tags && !options.base) addMove(corners, trials);
   if (options.free_shapes) return trials;
   if (options.length_scale != LengthScaling::kEach && !options.contraction) {
@@ -707,7 +710,7 @@ std::vector<Suspect> suspectsOf(const std::vector<ArmCaptures>& arms,
   Case given{read, misfit.options()};
   const std::optional<Square> fitted = misfit.of(given, true, true);
   // What cannot be fitted for another reason than its pressures has no suspects.
-  if (!fitted && !*outside && groupByPressure(read).pressure.size() > 1) return {};
+  if (!fitted && !*outside) return {};
   Evidence evidence{read, fitted.value_or(Square{kNoFit, static_cast<int>(kNoFit)}),
                     fitted && !*outside};
   // A wrong tag size is taken up by the bleeding, as far as it is fitted.

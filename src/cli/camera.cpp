@@ -393,8 +393,8 @@ json reportOf(const Placed& result) {
   json out{{"scene", result.scene.name},           {"success", placing.success},
            {"reason", textOrNull(placing.reason)}, {"pictures", result.read.pictures},
            {"faults", result.read.faults},         {"tags", tags},
-           {"outlier_tags", placing.outliers},     {"warnings", placing.warnings},
-           {"out", textOrNull(result.out)}};
+           {"outlier_tags", placing.outliers},     {"suspects", suspectsJson(placing.suspects)},
+           {"warnings", placing.warnings},         {"out", textOrNull(result.out)}};
   for (const char* key : {"position_m", "rpy_deg", "pose", "standard_error", "covariance",
                           "moved_m", "turned_rad", "bleed_m", "rms_px", "shape_deviations"}) {
     out[key] = nullptr;
@@ -480,7 +480,7 @@ int placeCameraOf(const CameraArguments& arguments, const GlobalOptions& global)
     result.out = arguments.out;
   }
   const json report = reportOf(result);
-  printResult(global.format, report, without(report, {"pose"}),
+  printResult(global.format, report, without(report, {"pose", "suspects"}),
               [&result] { return placeTable(result); });
   return result.placing.success ? kDone : kNotPossible;
 }
@@ -558,7 +558,9 @@ outlier_tags (left out), position_m, rpy_deg (as in the scene), pose (optical fr
 the world),
 standard_error {position_m [3], rotation_rad [3]} and covariance (6 x 6), along and about
 the axes of the world, moved_m and turned_rad (from the scene's pose), bleed_m, rms_px,
-shape_deviations, warnings, out. Values are null without success.
+shape_deviations, suspects [{cause, where, explains, remedy}] (usual mistakes of tags and
+pictures that explain why tags do not fit, best first; one that explains 90 % refuses the
+place), warnings, out. Values are null without success.
 csv: one row. Exit code 1 if the pictures do not give the pose; the reason is in the
 result, and nothing is written. 130 on Ctrl-C.)");
 }

@@ -166,13 +166,13 @@ class Locator {
     located["repeated_tags"] = seen.repeated_ids;
     located["unusable_tags"] = seen.unusable_ids;
     keep(seen.detections);
-    const double noise = scene_.vision.fit.corner_noise;
-    odd_ |= measured ? seen.fit.outliers() > 0 || seen.fit.rms > kFar * noise
-                     : seen.state == ObservationState::kNoFit;
+    odd_ |= seen.state == ObservationState::kNoFit;
     if (!measured) return withTags(located);
     const estimation::TwistFit& fit = seen.fit;
     const estimation::TwistFitOptions& options = scene_.vision.fit;
     located["suspicious"] = suspicionsOf(fit, options);
+    odd_ |= fit.outliers() > 0 || fit.rms > kFar * options.corner_noise ||
+            !located["suspicious"].empty();
     for (const estimation::TagResidual& tag : fit.tags) {
       if (tag.outlier) located["outlier_tags"].push_back(scene_.tags->tags[tag.tag].id);
     }

@@ -575,12 +575,10 @@ class CalibrationJob {
   // Why the fitted arm is not that of the captures.
   Refusal refuseFar() const {
     if (request_.force || !outcome_.calibration) return std::nullopt;
-    constexpr double kMostNoise = 5.0;
-    // Where a suspect explains nearly all of an excess that is no small one.
-    constexpr double kCertain = 0.9, kLeastNoise = 1.4;
+    constexpr double kMostNoise = 5.0, kLeastNoise = 1.4;
     const double noise = outcome_.calibration->noise_scale;
     if (request_.apply_suspect == 0 && !outcome_.suspects.empty() && noise > kLeastNoise &&
-        outcome_.suspects.front().explains >= kCertain) {
+        outcome_.suspects.front().explains >= estimation::kCertain) {
       return refusedFor("a usual mistake explains the captures far better than the fitted arm");
     }
     const double beyond = noise / outcome_.calibration->usual_scale;

@@ -9,6 +9,7 @@
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/number.hpp"
+#include "helix_arm/procedures/calibration_job.hpp"
 #include "helix_arm/vision/camera_calibration.hpp"
 
 namespace helix_arm::procedures {
@@ -111,6 +112,25 @@ void leaveOutOutliers(const io::Scene& scene, std::vector<estimation::CornerObse
   out.tags = std::move(tags);
 }
 
+// Names the usual mistakes that explain why the tags do not fit, seen from where the camera was
+// placed or else from where the scene has it. One that is certain refuses the place; others count
+// only where no tag is left out, since a misplaced one looks a little like many of them.
+void suspect(io::Scene scene, const std::vector<estimation::CornerObservation>& seen,
+             CameraPlacing& out) {
+  const bool placed = out.fit.status == PlacementStatus::kPlaced;
+  if (placed) scene.camera->X_WC = out.X_WC;
+  out.suspects = tagSuspectsOf(scene, {{1, scene.arm.inputAt(0.0), seen}});
+  if (out.suspects.empty()) return;
+  const bool certain = out.suspects.front().explains >= estimation::kCertain;
+  if (placed && !out.outliers.empty() && !certain) return out.suspects.clear();
+  const std::vector<std::string> texts = textsOf(out.suspects);
+  if (out.reason.empty() && certain) {
+    out.reason = "a usual mistake explains the tags far better than any place of the camera";
+  }
+  if (!out.reason.empty()) out.reason += "; " + texts.front();
+  out.warnings.insert(out.warnings.end(), texts.begin(), texts.end());
+}
+
 void advise(CameraPlacing& out) {
   if (!out.outliers.empty()) {
     out.warnings.push_back("these tags do not fit: " + io::listOf(out.outliers) +
@@ -168,6 +188,7 @@ CameraPlacing placeCamera(const io::Scene& scene, const model::Shape& shape,
                                              from, options);
   };
   fit(*start);
+  const std::vector<estimation::CornerObservation> all = seen;
   leaveOutOutliers(scene, seen, out);
   if (!out.outliers.empty() && out.fit.status == PlacementStatus::kPlaced) fit(*start);
   out.X_WC = scene.X_WB * out.fit.X_CB.inverse();
@@ -176,6 +197,7 @@ CameraPlacing placeCamera(const io::Scene& scene, const model::Shape& shape,
   out.moved = change.translation.norm();
   out.turned = change.log().tail<3>().norm();
   out.reason = whyNotFitted(out);
+  suspect(scene, all, out);
   out.success = out.reason.empty();
   if (out.success) advise(out);
   return out;

@@ -214,6 +214,47 @@ TEST(CameraPlace, WritesTheCameraThatItFinds) {
   EXPECT_NEAR(result["moved_m"].get<double>(), 0.054, 0.015);
 }
 
+// For --set: the tags of the demo's muscles 2 and 3 in each other's place, those of each counted
+// from the tip, or as they are.
+std::string tagGroups(bool mirrored, bool reversed) {
+  std::string out = "tags.groups=[";
+  for (const int muscle : {0, 1, 2}) {
+    const int first = 7 * (mirrored ? (3 - muscle) % 3 : muscle);
+    out +=
+        "{actuator: muscle_" + std::to_string(muscle + 1) + ", position_m: [0, 0, 0.016], ids: [";
+    for (int k = 0; k < 7; ++k) {
+      out += (k > 0 ? ", " : "") + std::to_string(first + (reversed ? 6 - k : k));
+    }
+    out += "], s: [0.04, 0.2, 0.36, 0.52, 0.68, 0.84, 1]}" + std::string(muscle < 2 ? ", " : "]");
+  }
+  return out;
+}
+
+TEST(CameraPlace, NamesTheUsualMistakeAndWritesNothing) {
+  const TemporaryFolder folder;
+  MovedRig().photograph(folder / "rest.jpg", 1);
+  const std::string out = folder / "placed.yaml";
+  const std::vector<std::string> command{
+      "camera", "place", scenePath("demo"), "--source", folder / "rest.jpg",
+      "--out",  out,     "--format",        "json",     "--set"};
+  const std::vector<std::pair<std::string, std::string>> mistakes{
+      {tagGroups(true, false), "tags_mirrored"},
+      {tagGroups(false, true), "tag_rows_reversed"},
+      {"tags.size_m=0.0355", "tag_size"}};
+  for (const auto& [change, cause] : mistakes) {
+    const Outcome outcome = runCommand(command, {change});
+    EXPECT_EQ(outcome.exit_code, 1) << cause;
+    const json result = outcome.json();
+    ASSERT_FALSE(result["suspects"].empty()) << result;
+    EXPECT_EQ(result["suspects"][0]["cause"], cause);
+    EXPECT_TRUE(has(result["reason"], cause)) << result["reason"];
+    EXPECT_FALSE(fs::exists(out));
+  }
+  const Outcome sound = runCommand(command, {tagGroups(false, false)});
+  EXPECT_EQ(sound.exit_code, 0);
+  EXPECT_TRUE(sound.json()["suspects"].empty());
+}
+
 TEST(CameraPlace, FormatsTellTheSame) {
   const TemporaryFolder folder;
   MovedRig().photograph(folder / "rest.jpg", 1);
@@ -369,6 +410,20 @@ TEST_F(Localize, AParameterFarFromItsPriorIsSuspicious) {
               std::abs(frame["bleed_m"].get<double>()) / 0.0005, 1e-9);
   EXPECT_GT((*bleed)["deviations"].get<double>(), 3);
   EXPECT_NE((*bleed)["remedy"].get<std::string>().find("tags.size_m"), std::string::npos);
+}
+
+TEST_F(Localize, OnePictureNamesTheMistakeThatALongListNames) {
+  for (const std::size_t count : {1, 70}) {
+    std::vector<std::string> command{"localize", scenePath("demo"), "--set",
+                                     tagGroups(true, false)};
+    command.insert(command.end(), count, picture(1));
+    const Outcome outcome = runCommand(command, {"--format", "json"});
+    const json result = outcome.json();
+    EXPECT_EQ(result["frames"].size(), count);
+    ASSERT_FALSE(result["suspects"].empty()) << count;
+    EXPECT_EQ(result["suspects"][0]["cause"], "tags_mirrored") << count;
+  }
+  EXPECT_TRUE(resultOf({"localize", scenePath("demo"), picture(1)})["suspects"].empty());
 }
 
 TEST_F(Localize, ANameThatIsNoUtf8LosesNoResult) {

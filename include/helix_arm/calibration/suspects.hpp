@@ -31,6 +31,9 @@ struct Suspect {
 /// accurate [Pa].
 constexpr double kBeyondLimit = 10e3;
 
+/// Share of what is beyond the noise from which a suspect is taken for certain: nothing is written.
+constexpr double kCertain = 0.9;
+
 /// Tries the usual mistakes of a rig, each with a fit of the requested parameters, and names those
 /// that explain most of what the fit leaves beyond the noise, best first. The mistakes are those of
 /// the first arm; the scene's limits bound what a pressure can have been.
@@ -38,8 +41,8 @@ constexpr double kBeyondLimit = 10e3;
 /// @param arms, options  as given to calibrate(); captures whose pressures are outside the limits
 ///     are allowed, as in another unit.
 /// @return at most 5, each of which explains 0.3 or more of what is beyond the noise. None if the
-///     fit is as good as its noise, if shapes are free, or if calibrate() would refuse the captures
-///     for another reason than their pressures, or if it was stopped.
+///     fit is as good as its noise, if calibrate() would refuse the captures for another reason than
+///     their pressures, or if it was stopped.
 /// @param stop  once it returns true, the search ends within the time of one fit.
 /// @throws std::invalid_argument if the options break their rules.
 std::vector<Suspect> suspectsOf(const std::vector<ArmCaptures>& arms,

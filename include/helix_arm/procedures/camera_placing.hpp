@@ -3,6 +3,7 @@
 #include <string>
 #include <vector>
 
+#include "helix_arm/calibration/suspects.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/localization/camera_placement.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
@@ -21,6 +22,7 @@ struct CameraPlacing {
   double moved = 0;   ///< distance from the scene's camera [m]
   double turned = 0;  ///< angle from the scene's camera [rad]
   estimation::CameraPlacement fit;
+  std::vector<estimation::Suspect> suspects;  ///< tagSuspectsOf() what was seen
   std::vector<std::string> warnings;
 };
 
