@@ -1,4 +1,5 @@
 """helix_arm.experiments: figures against closed forms and recordings of real arms; a run that is stopped, killed and resumed."""
+import contextlib
 import json
 import math
 import signal
@@ -113,16 +114,16 @@ class RunTest(unittest.TestCase):
         self.addCleanup(folder.cleanup)
         self.out = Path(folder.name)
 
-    def words(self, out, *more):
-        return [COMMAND, "experiment", "step", "demo", "--out", str(out), "--actuators", "muscle_1,muscle_3", "--repeats", "2",
-                "--hold-s", "4", "--format", "json", *more]
+    def words(self, out, *more, call=("step", "demo", "--actuators", "muscle_1,muscle_3", "--repeats", "2", "--hold-s", "4")):
+        return [COMMAND, "experiment", *call, "--out", str(out), "--format", "json", *more]
 
-    def interrupted(self, out, number):
-        """Exit code and output of a call that got the signal in the middle of its second trial."""
-        call = subprocess.Popen(self.words(out), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
-        part = out / "raw/step-muscle_3.part.csv"
-        while call.poll() is None and not (part.exists() and part.stat().st_size > 10000):
-            pass
+    def interrupted(self, words, parts, number):
+        """Exit code and output of a call that got the signal in the middle of the trial whose file `parts` names."""
+        call = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+        while call.poll() is None:
+            with contextlib.suppress(FileNotFoundError):  # one that is complete by now
+                if any(part.stat().st_size > 10000 for part in parts.parent.glob(parts.name)):
+                    break
         call.send_signal(number)
         return call.communicate(timeout=60)[0], call.returncode
 
@@ -132,7 +133,7 @@ class RunTest(unittest.TestCase):
         self.assertEqual(set(whole["figures"][0]), {"name", "symbol", "value", "standard_error", "unit", "definition"})
         for number, code in ((signal.SIGKILL, -signal.SIGKILL), (signal.SIGINT, 130)):
             out = self.out / str(number)
-            said, exit_code = self.interrupted(out, number)
+            said, exit_code = self.interrupted(self.words(out), out / "raw/step-muscle_3.part.csv", number)
             self.assertEqual(exit_code, code)
             rows = read_series(out / "raw/step-muscle_3.part.csv", 3)["muscle_3"]
             self.assertGreater(len(rows.time_s), 50)
@@ -144,6 +145,20 @@ class RunTest(unittest.TestCase):
         refused = subprocess.run(self.words(self.out / "whole", "--seed", "2"), stderr=subprocess.PIPE)
         self.assertEqual(refused.returncode, 2)
         self.assertIn(b"is of another scene, rig, protocol or seed; choose another --out", refused.stderr)
+
+    def test_all_resumes_where_it_was_killed(self):
+        call = ("all", "demo", "--actuators", "muscle_1", "--repeats", "2", "--hold-s", "0.5")
+        whole, out = self.out / "whole", self.out / "killed"
+        subprocess.run(self.words(whole, call=call), stdout=subprocess.DEVNULL, check=True)
+        self.assertEqual(self.interrupted(self.words(out, call=call), out / "raw/bode-*.part.csv", signal.SIGKILL)[1], -signal.SIGKILL)
+        self.assertFalse((out / "all.json").exists())
+        kept = {path: path.stat().st_mtime_ns for path in (out / "raw").glob("*.csv") if ".part." not in path.name}
+        self.assertGreater(len(kept), 2)
+        subprocess.run(self.words(out, call=call), stdout=subprocess.DEVNULL, check=True)
+        self.assertEqual({path: path.stat().st_mtime_ns for path in kept}, kept)
+        figures_of = [json.loads((folder / "all.json").read_text())["figures"] for folder in (whole, out)]
+        self.assertEqual(*figures_of)
+        self.assertGreater(len(figures_of[0]), 20)
 
 
 if __name__ == "__main__":
