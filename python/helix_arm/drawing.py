@@ -6,12 +6,11 @@ COLOURS = ["#1f77b4", "#2ca02c", "#9467bd", "#8c564b", "#17becf", "#bcbd22", "#7
 REPORT = {"axes.titlesize": 11}
 # Text stays text, and lines are as wide and as long as told.
 PRINTED = {"pdf.fonttype": 42, "path.simplify": False, "lines.scale_dashes": False}
-PARTS = ("animation", "colors", "font_manager", "patches", "path", "textpath", "ticker", "transforms")
 
 
 def __getattr__(part: str) -> Any:
     """A module of matplotlib, imported at its first use: a report is read and a rig measured without it."""
-    if part not in PARTS:
+    if part not in ("animation", "colors", "font_manager", "patches", "path", "textpath", "ticker", "transforms"):
         raise AttributeError(f"module {__name__} has no attribute {part}")
     return importlib.import_module(f"matplotlib.{part}")
 
@@ -42,7 +41,3 @@ def save_pdf(file: BinaryIO, pages: Iterable[Any], title: str, writer: str) -> N
             file, metadata={"Title": title, "Creator": writer, "CreationDate": None}) as pdf:
         for one in pages:
             pdf.savefig(one)
-
-
-def save_png(file: BinaryIO, drawn: Any, writer: str = "", **options: Any) -> None:
-    drawn.savefig(file, format="png", metadata={"Software": writer or None}, **options)

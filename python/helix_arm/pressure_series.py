@@ -210,9 +210,7 @@ class PressureSeries(Node):
 
     def _publish_target(self) -> None:
         target = PressureArray(name=self._scene.actuators, pressure=self._command if self._held_back else self._player.pressure())
-        target.header.stamp = rospy.get_rostime()
-        self._trace.sent(target.header.stamp)
-        self._publisher.publish(target)
+        self._trace.send(self._publisher, target)
 
     def _end_series(self) -> None:
         """Once no target is on its way any more, asks for rest where the arm follows; ends the node.

@@ -123,10 +123,9 @@ class Teleop(Node):
                 self._trace = CommandTrace()
             if wanted is not None:
                 target = TipTarget(mode=TipTarget.POSITION)
-                target.header.stamp, target.pose.position = rospy.get_rostime(), Point(*wanted)
-                self._trace.sent(target.header.stamp)
+                target.pose.position = Point(*wanted)
+                self._trace.send(self._publisher, target)
                 self._sent.add(target.header.stamp.to_sec(), wanted)
-                self._publisher.publish(target)
         if rests and not end.is_urgent():  # without a master, the call would block
             request_rest()
 

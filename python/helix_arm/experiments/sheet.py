@@ -107,7 +107,7 @@ def html_of(header: List[Tuple[str, str]], analysis: Analysis) -> str:
         drawn, picture = drawing.page(4.2, 3.0), io.BytesIO()
         _draw(drawn.add_subplot(1, 1, 1), plot, 8)
         drawn.tight_layout()
-        drawing.save_png(picture, drawn, dpi=110)
+        drawn.savefig(picture, format="png", dpi=110)
         content = base64.b64encode(picture.getvalue()).decode()
         text.append(f"<img alt=\"{html.escape(plot.title)}\" src=\"data:image/png;base64,{content}\">")
     return "\n".join(text) + "</html>\n"
