@@ -374,10 +374,9 @@ class Calibration(Node):
         self._proof = ProofAction(follow, self._jobs, self._reload, self._calibrator.scene_path)
         lock = self._reload.lock  # while run_calibration is under way, each is refused
         self._services = (
-            serve("calibrate", Calibrate, self._calibrate, lock, held_out_error=math.nan),
+            serve("calibrate", Calibrate, self._calibrate, lock, held_out_error=math.nan), serve("save", Save, self._save, lock),
             serve("fit_contraction", FitContraction, self._fit_contraction, lock, hysteresis=math.nan),
-            serve("record_sample", RecordSample, self._record, lock), serve("clear_samples", ClearSamples, self._clear, lock),
-            serve("save", Save, self._save, lock))
+            serve("record_sample", RecordSample, self._record, lock), serve("clear_samples", ClearSamples, self._clear, lock))
         log.info(f"{scene.name}: " + ("ready to record and to calibrate" if scene._has_vision else
                                       "ready to calibrate from data sets; its scene lacks `camera` or `tags`, so nothing can be "
                                       "recorded"))

@@ -4,8 +4,7 @@ from typing import Any, BinaryIO, Dict, Iterable
 
 COLOURS = ["#1f77b4", "#2ca02c", "#9467bd", "#8c564b", "#17becf", "#bcbd22", "#7f7f7f", "#e377c2"]
 REPORT = {"axes.titlesize": 11}
-# Text stays text, and lines are as wide and as long as told.
-PRINTED = {"pdf.fonttype": 42, "path.simplify": False, "lines.scale_dashes": False}
+PRINTED = {"pdf.fonttype": 42, "path.simplify": False, "lines.scale_dashes": False}  # text stays text, lines are as wide as told
 
 
 def __getattr__(part: str) -> Any:

@@ -196,9 +196,8 @@ class Scene(_core.Scene):
             return np.array([one[name] for one in found], dtype).reshape(len(found), *shape)
 
         return results.Fit(
-            captures=column("capture", dtype=np.intc), pressures_pa=column("pressures_pa", n),
-            status=column("status", dtype=str), twists=column("twists", self.sections, 6),
-            covariances=column("covariance", size, size), tips=column("tip", 3),
+            captures=column("capture", dtype=np.intc), pressures_pa=column("pressures_pa", n), status=column("status", dtype=str),
+            twists=column("twists", self.sections, 6), covariances=column("covariance", size, size), tips=column("tip", 3),
             quaternions_xyzw=column("quaternion_xyzw", 4), tip_covariances=column("tip_covariance", 3, 3), rms=column("rms"),
             outlier_tags=[one["outlier_tags"] for one in found])
 

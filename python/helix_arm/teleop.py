@@ -9,7 +9,7 @@ from typing import Dict, Optional, Tuple
 
 import numpy as np
 import rospy
-from geometry_msgs.msg import Point, Twist
+from geometry_msgs.msg import Point, Pose, Twist
 from sensor_msgs.msg import Joy
 
 from helix_arm.arguments import require
@@ -122,8 +122,7 @@ class Teleop(Node):
             if rests:
                 self._trace = CommandTrace()
             if wanted is not None:
-                target = TipTarget(mode=TipTarget.POSITION)
-                target.pose.position = Point(*wanted)
+                target = TipTarget(mode=TipTarget.POSITION, pose=Pose(position=Point(*wanted)))
                 self._trace.send(self._publisher, target)
                 self._sent.add(target.header.stamp.to_sec(), wanted)
         if rests and not end.is_urgent():  # without a master, the call would block
