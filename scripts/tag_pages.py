@@ -325,19 +325,15 @@ def lay_out(report):
     return pages, paper.size
 
 
-def draw_page(page, size, pyplot):
+def draw_page(page, size, drawing):
     """Only lines, areas, and text in embedded fonts."""
-    from matplotlib.font_manager import FontProperties
-    from matplotlib.patches import PathPatch
-    from matplotlib.path import Path
-    from matplotlib.textpath import text_to_path
-    from matplotlib.transforms import Affine2D
-    figure = pyplot.figure(figsize=[side / 25.4 for side in size], dpi=72)
+    Path, text_to_path = drawing.path.Path, drawing.textpath.text_to_path
+    figure = drawing.page(*(side / 25.4 for side in size), dpi=72)
     figure.patch.set_visible(False)
-    to_paper = Affine2D().scale(POINT, -POINT).translate(0, POINT * size[1])
+    to_paper = drawing.transforms.Affine2D().scale(POINT, -POINT).translate(0, POINT * size[1])
 
     def add(paths, **style):
-        figure.add_artist(PathPatch(Path.make_compound_path(*paths), transform=to_paper, snap=False, **style))
+        figure.add_artist(drawing.patches.PathPatch(Path.make_compound_path(*paths), transform=to_paper, snap=False, **style))
 
     def polygon(corners):
         return Path([*corners, corners[0]], closed=True)
@@ -350,22 +346,12 @@ def draw_page(page, size, pyplot):
     if page.black:  # as one area, since viewers show seams between adjacent ones
         add([polygon(box.corners) for box in page.black], facecolor="black", linewidth=0, zorder=3)
     for box, text, align, bold in page.labels:
-        font = FontProperties(weight="bold" if bold else "normal", size=POINT * FONT_SIZE * box.height)
+        font = drawing.font_manager.FontProperties(weight="bold" if bold else "normal", size=POINT * FONT_SIZE * box.height)
         extent = text_to_path.get_text_width_height_descent(text, font, False)[0] / POINT
         part = min(1.0, box.width / extent) if extent else 1.0
         font.set_size(part * font.get_size())
         # Reduced text is centred vertically in its line.
         baseline = box.y + BASELINE * box.height - (BASELINE - 0.5) * box.height * (1 - part)
-        figure.text(box.x + align * (box.width - part * extent), baseline, text.replace("$", r"\$"), transform=to_paper,
+        figure.text(box.x + align * (box.width - part * extent), baseline, drawing.plain(text), transform=to_paper,
                     fontproperties=font, zorder=4)
     return figure
-
-
-def save(pages, size, file, metadata, pyplot):
-    from matplotlib.backends.backend_pdf import PdfPages
-    pyplot.rcParams.update({"pdf.fonttype": 42, "path.simplify": False, "lines.scale_dashes": False})
-    with PdfPages(file, metadata=metadata) as pdf:
-        for page in pages:
-            figure = draw_page(page, size, pyplot)
-            pdf.savefig(figure)
-            pyplot.close(figure)

@@ -158,7 +158,7 @@ class Package:
                 if into is not None and value and value.group(1):
                     into.add(value.group(1).lstrip("/"))
         for path in (self.root / "python").rglob("*.py"):
-            services |= set(re.findall(r'(?:self\._serve|rospy\.Service|serve_action)\("~?(\w+)"', path.read_text(encoding="utf-8")))
+            services |= set(re.findall(r'\b(?:serve|ActionServer)\("~?(\w+)"', path.read_text(encoding="utf-8")))
         return topics, services
 
     def has_type(self, name):

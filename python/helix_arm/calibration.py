@@ -17,7 +17,7 @@ from helix_arm.calibration_run import ABORTED, COMPLETED, PREEMPTED, SETTLING, C
 from helix_arm.client_watch import ClientWatch
 from helix_arm.contact_proof import ProofAction
 from helix_arm.file_access import FileAccess, quoted
-from helix_arm.jobs import JobSlot, answer, serve_action, text_of, watch_sender
+from helix_arm.jobs import ActionServer, JobSlot, answer, serve, text_of
 from helix_arm.msg import (PressureArray, RunCalibrationAction, RunCalibrationFeedback, RunCalibrationGoal, RunCalibrationResult,
                            TargetStatus)
 from helix_arm.node import LONGEST_MESSAGE, FaultCount, Node, Parameters, end, listen, log, run
@@ -158,10 +158,9 @@ class RunAction:
         self._trace = CommandTrace()
         self._stale_targets, self._faults = FaultCount(), FaultCount()
         self._client: Optional[ClientWatch] = None  # of the present run
-        self.is_busy = False  # until the result of a goal is sent
         self._publisher = rospy.Publisher("pressure_target", PressureArray, queue_size=10, tcp_nodelay=True)
         self._subscriber = listen("target_status", TargetStatus, 100, self._on_status)
-        self._server = serve_action("run_calibration", RunCalibrationAction, self._on_goal)
+        self.action = self._server = ActionServer("run_calibration", RunCalibrationAction, self._on_goal)
 
     def _on_status(self, status: TargetStatus) -> None:
         with self._lock:
@@ -180,13 +179,6 @@ class RunAction:
     # Thread of the action.
 
     def _on_goal(self, goal: RunCalibrationGoal) -> None:
-        self.is_busy = True
-        try:
-            self._carry_out(goal)
-        finally:
-            self.is_busy = False
-
-    def _carry_out(self, goal: RunCalibrationGoal) -> None:
         result, preempted = RunCalibrationResult(held_out_error=math.nan), False
         try:
             with contextlib.ExitStack() as job:
@@ -205,10 +197,7 @@ class RunAction:
         finally:
             with self._lock:
                 self._run = None
-        if not rospy.is_shutdown():
-            server = self._server
-            set_result = server.set_succeeded if result.success else server.set_preempted if preempted else server.set_aborted
-            set_result(result, result.message)
+        self._server.conclude(result, preempted)
 
     def _begin(self, goal: RunCalibrationGoal) -> None:
         """Raises ValueError with the reason where the run cannot begin."""
@@ -239,7 +228,7 @@ class RunAction:
 
     def _live(self, goal: RunCalibrationGoal, result: RunCalibrationResult) -> bool:
         """Fills the result. Whether the goal was preempted."""
-        self._client = watch_sender(self._server)
+        self._client = self._server.watch_sender()
         try:
             self._play()
         finally:
@@ -282,9 +271,7 @@ class RunAction:
                 return None
             order = run.advance(now, state)
             target = PressureArray(name=self._names, pressure=order.pressure.tolist())
-            target.header.stamp = rospy.get_rostime()
-            self._publisher.publish(target)
-            self._trace.sent(target.header.stamp)
+            self._trace.send(self._publisher, target)
             if order.capture is not None:
                 captures.append(order.capture)
             if order.step_done:
@@ -385,12 +372,11 @@ class Calibration(Node):
             self._calibrator = Calibrator(data_folder, out_folder, settle, self._recorder, self._reload)
         self._run = RunAction(rules, rate, self._jobs, self._recorder, self._calibrator)
         self._proof = ProofAction(follow, self._jobs, self._reload, self._calibrator.scene_path)
+        lock = self._reload.lock  # while run_calibration is under way, each is refused
         self._services = (
-            self._serve("calibrate", Calibrate, self._calibrate, held_out_error=math.nan),
-            self._serve("fit_contraction", FitContraction, self._fit_contraction, hysteresis=math.nan),
-            self._serve("record_sample", RecordSample, self._record),
-            self._serve("clear_samples", ClearSamples, self._clear),
-            self._serve("save", Save, self._save))
+            serve("calibrate", Calibrate, self._calibrate, lock, held_out_error=math.nan), serve("save", Save, self._save, lock),
+            serve("fit_contraction", FitContraction, self._fit_contraction, lock, hysteresis=math.nan),
+            serve("record_sample", RecordSample, self._record, lock), serve("clear_samples", ClearSamples, self._clear, lock))
         log.info(f"{scene.name}: " + ("ready to record and to calibrate" if scene._has_vision else
                                       "ready to calibrate from data sets; its scene lacks `camera` or `tags`, so nothing can be "
                                       "recorded"))
@@ -400,16 +386,7 @@ class Calibration(Node):
 
     def may_end(self) -> bool:
         """Not while run_calibration is under way: the arm is to be ramped down first. Nor before a job is answered."""
-        return not (self._run.is_busy or self._proof.is_busy or self._jobs.job)
-
-    def _serve(self, name: str, kind: Any, body: Callable[[Any, Any], None], **fallbacks: Any) -> rospy.Service:
-        """body: fills the response to a request. While run_calibration is under way, each is refused."""
-        def handle(request: Any) -> Any:
-            response = kind._response_class(**fallbacks)
-            with self._reload.lock:
-                return answer(name, response, lambda: body(request, response))
-
-        return rospy.Service(f"~{name}", kind, handle)
+        return not (self._run.action.is_busy or self._proof.action.is_busy or self._jobs.job)
 
     def _calibrate(self, request: Any, response: Any) -> None:
         out = self._calibrator.scene_path(request.out)

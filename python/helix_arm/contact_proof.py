@@ -14,7 +14,7 @@ from helix_arm import _core
 from helix_arm.arguments import require
 from helix_arm.client_watch import ClientWatch
 from helix_arm.file_access import quoted
-from helix_arm.jobs import JobSlot, PatientClient, answer, serve_action, watch_sender
+from helix_arm.jobs import ActionServer, JobSlot, PatientClient, answer
 from helix_arm.msg import (FollowTipPathAction, FollowTipPathFeedback, FollowTipPathGoal, FollowTipPathResult,
                            ProveContactAction, ProveContactFeedback, ProveContactGoal, ProveContactResult)
 from helix_arm.node import LONGEST_MESSAGE, end
@@ -48,22 +48,13 @@ class ProofAction:
 
     def __init__(self, follow: str, jobs: JobSlot, reload: ReloadServer, scene_path: Callable[[str], str]) -> None:
         self._follow, self._jobs, self._reload, self._scene_path = follow, jobs, reload, scene_path
-        self.is_busy = False  # until the result of a goal is sent
         self._client = PatientClient(follow, FollowTipPathAction)
-        self._server = serve_action("prove_contact", ProveContactAction, self._on_goal)
+        self.action = self._server = ActionServer("prove_contact", ProveContactAction, self._on_goal)
 
     def _on_goal(self, goal: ProveContactGoal) -> None:
-        self.is_busy = True
         result = ProveContactResult(found_force=math.nan)
-        try:
-            answer("prove_contact", result, lambda: self._prove(goal, result))
-        finally:
-            self.is_busy = False
-        if not rospy.is_shutdown():
-            server = self._server
-            preempted = server.is_preempt_requested()
-            set_result = server.set_succeeded if result.success else server.set_preempted if preempted else server.set_aborted
-            set_result(result, result.message)
+        answer("prove_contact", result, lambda: self._prove(goal, result))
+        self._server.conclude(result, self._server.is_preempt_requested())
 
     def _prove(self, goal: ProveContactGoal, result: ProveContactResult) -> None:
         seconds = goal.seconds or USUAL_TIME
@@ -99,7 +90,7 @@ class ProofAction:
         def tell(_: Any, feedback: FollowTipPathFeedback) -> None:
             self._server.publish_feedback(ProveContactFeedback(feedback.time_from_start.to_sec(), seconds, feedback.state))
 
-        sender, mover = watch_sender(self._server), ClientWatch(self._client.last_status_msg._connection_header["callerid"])
+        sender, mover = self._server.watch_sender(), ClientWatch(self._client.last_status_msg._connection_header["callerid"])
         moves = self._client.send_goal(path, feedback_cb=tell)
         why_not = ""
         try:

@@ -15,7 +15,7 @@ from helix_arm.client_watch import ClientWatch
 from helix_arm.experiments import EXPERIMENTS, Options, Progress, Result, measure
 from helix_arm.experiments.run import ALL, estimate_s, measure_all
 from helix_arm.file_access import FileAccess, quoted
-from helix_arm.jobs import JobSlot, answer, serve_action, watch_sender
+from helix_arm.jobs import ActionServer, JobSlot, answer
 from helix_arm.live_rig import LiveRig
 from helix_arm.msg import RunExperimentAction, RunExperimentFeedback, RunExperimentGoal, RunExperimentResult
 from helix_arm.node import Node, Parameters, run
@@ -40,20 +40,20 @@ class Experiment(Node):
         self._jobs, self._told = JobSlot(), -math.inf
         self._reload = ReloadServer(path, scene_folder, self._adopt)
         self._rig = LiveRig(require_pneumatic(self._reload.scene), rate)
-        self._server = serve_action("run_experiment", RunExperimentAction, self._on_goal)
+        self._server = ActionServer("run_experiment", RunExperimentAction, self._on_goal)
 
     def turn(self) -> None:
         self._rig.turn()
 
     def may_end(self) -> bool:
-        return not self._jobs.job
+        return not self._server.is_busy
 
     def _adopt(self, scene: Scene) -> None:
         with self._jobs.idle():
             self._rig.adopt(require_pneumatic(scene))
 
     def _on_goal(self, goal: RunExperimentGoal) -> None:
-        result, client = RunExperimentResult(), watch_sender(self._server)
+        result, client = RunExperimentResult(), self._server.watch_sender()
 
         def body() -> None:
             with self._jobs.claim("run_experiment is running; wait for it, or cancel it first"):
@@ -64,9 +64,7 @@ class Experiment(Node):
 
         answer("run_experiment", result, body)
         client.release()
-        end = (self._server.set_preempted if self._server.is_preempt_requested() else
-               self._server.set_succeeded if result.success else self._server.set_aborted)
-        end(result, result.message)
+        self._server.conclude(result, self._server.is_preempt_requested())
 
     def _measure(self, goal: RunExperimentGoal, result: RunExperimentResult, client: ClientWatch) -> None:
         scene, rig = self._reload.scene, self._rig

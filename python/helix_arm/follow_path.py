@@ -162,7 +162,6 @@ class FollowPath(Node):
         self._seconds = points[-1][0]
         self._lock = threading.RLock()
         self._sent = self._done = self._cancelled = False
-        self._verdict = DONE
         self._outcome = "it was not ended"  # of the goal, for the record
         self._start, self._done_since, self._last_word = time.monotonic(), math.inf, -math.inf
         self._recorder: Optional[RunRecorder] = None

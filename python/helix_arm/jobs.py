@@ -31,23 +31,48 @@ def answer(service: str, response: Any, body: Callable[[], None]) -> Any:
     return response
 
 
-def serve_action(name: str, kind: Any, on_goal: Callable[[Any], None]) -> actionlib.SimpleActionServer:
-    """The private action of this name, whose goals run in a thread of their own."""
-    server = actionlib.SimpleActionServer(rospy.resolve_name(f"~{name}"), kind, on_goal, auto_start=False)
-    server.start()
-    # The thread of actionlib's own timer ends where time goes back.
-    actions = server.action_server
-    if actions.status_timer is not None:
-        actions.status_timer.shutdown()
-        period = rospy.Duration(1.0 / actions.status_frequency)
-        actions.status_timer = rospy.Timer(period, actions.publish_status_async, reset=True)
-    return server
+def serve(name: str, kind: Any, body: Callable[[Any, Any], None], lock: Any = contextlib.nullcontext(),
+          **fallbacks: Any) -> rospy.Service:
+    """The private service of this name. body: fills the response to a request, while the lock is held."""
+    def handle(request: Any) -> Any:
+        response = kind._response_class(**fallbacks)
+        with lock:
+            return answer(name, response, lambda: body(request, response))
+
+    return rospy.Service(f"~{name}", kind, handle)
 
 
-def watch_sender(server: actionlib.SimpleActionServer) -> ClientWatch:
-    """Of the present goal."""
-    tracker = server.current_goal.status_tracker
-    return ClientWatch(tracker.goal._connection_header.get("callerid", ""))
+class ActionServer(actionlib.SimpleActionServer):
+    """The private action of this name, whose goals run in a thread of their own. is_busy: from a goal's begin until its result is
+    sent."""
+
+    def __init__(self, name: str, kind: Any, on_goal: Callable[[Any], None]) -> None:
+        def carry_out(goal: Any) -> None:
+            self.is_busy = True
+            try:
+                on_goal(goal)
+            finally:
+                self.is_busy = False
+
+        self.is_busy = False
+        super().__init__(rospy.resolve_name(f"~{name}"), kind, carry_out, auto_start=False)
+        self.start()
+        # The thread of actionlib's own timer ends where time goes back.
+        actions = self.action_server
+        if actions.status_timer is not None:
+            actions.status_timer.shutdown()
+            period = rospy.Duration(1.0 / actions.status_frequency)
+            actions.status_timer = rospy.Timer(period, actions.publish_status_async, reset=True)
+
+    def conclude(self, result: Any, preempted: bool) -> None:
+        """Sends the result of the present goal."""
+        if not rospy.is_shutdown():
+            send = self.set_succeeded if result.success else self.set_preempted if preempted else self.set_aborted
+            send(result, result.message)
+
+    def watch_sender(self) -> ClientWatch:
+        """Of the present goal."""
+        return ClientWatch(self.current_goal.status_tracker.goal._connection_header.get("callerid", ""))
 
 
 class PatientClient(actionlib.ActionClient):

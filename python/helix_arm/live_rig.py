@@ -63,14 +63,10 @@ class LiveRig:
                 self._target = None
             if self._target is None:
                 return
-            now = rospy.get_rostime()
             if self._inputs is not None and self._zero:
-                self._target = self._inputs.at(np.array([now.to_sec() - self._zero]))[0]
+                self._target = self._inputs.at(np.array([rospy.get_time() - self._zero]))[0]
             pressure = np.clip(self._target, *self.limits_pa.T).tolist()
-            target = PressureArray(name=self._scene.actuators, pressure=pressure)
-            target.header.stamp = now
-            self._trace.sent(now)
-            self._publisher.publish(target)
+            self._trace.send(self._publisher, PressureArray(name=self._scene.actuators, pressure=pressure))
 
     def record(self, inputs: Inputs, stop: Callable[[], str], sink: RowSink) -> Recording:
         """As Rig.record. Raises ValueError where the arm cannot be driven or is not measured."""

@@ -123,6 +123,7 @@ class Node:
     """A node. Its constructor is its set-up, and raises ValueError with every fault of its parameters and files."""
 
     period = 0.1  # between two turns [s]
+    _verdict = DONE
 
     def turn(self) -> None:
         """Called every period."""
@@ -133,7 +134,7 @@ class Node:
 
     def finish(self) -> int:
         """Its exit code. May take time if it does not use the ROS master."""
-        return DONE
+        return self._verdict
 
 
 class _Watch:

@@ -117,15 +117,11 @@ class PressureSeries(Node):
         self._yielding = self._held_back = False  # to others; by refusals whatever the values
         self._waits = FaultCount()
         self._foreign, self._refused = Trouble(), Trouble()  # commands of another arm; targets refused for their values
-        self._verdict = DONE
         self._last_of_others = self._last_turn = self._end_began = -math.inf
         self._lock = threading.RLock()
         self._publisher = rospy.Publisher("pressure_target", PressureArray, queue_size=10, tcp_nodelay=True)
         self._subscribers = (listen("pressure_command", PressureArray, 10, self._on_command),
                              listen("target_status", TargetStatus, 100, self._on_status))
-
-    def finish(self) -> int:
-        return self._verdict
 
     def may_end(self) -> bool:
         """Not while the arm follows the series, or is about to: it is to be brought to rest first."""
@@ -214,9 +210,7 @@ class PressureSeries(Node):
 
     def _publish_target(self) -> None:
         target = PressureArray(name=self._scene.actuators, pressure=self._command if self._held_back else self._player.pressure())
-        target.header.stamp = rospy.get_rostime()
-        self._trace.sent(target.header.stamp)
-        self._publisher.publish(target)
+        self._trace.send(self._publisher, target)
 
     def _end_series(self) -> None:
         """Once no target is on its way any more, asks for rest where the arm follows; ends the node.

@@ -85,7 +85,8 @@ class Recorder:
             for topic, hand in (("pressure_measured", self._watch.measured), ("pressure_command", self._watch.command))]
         self._subscribers = (
             *pressures, listen("tag_detections", TagDetections, 100, self._on_detections),
-            listen("measured", ArmShape, 100, self._on_shape), listen("vision_status", VisionStatus, 100, self._on_vision))
+            listen("measured", ArmShape, 100, self._on_shape),
+            listen("vision_status", VisionStatus, 100, functools.partial(setattr, self, "_vision")))
 
     def tick(self) -> None:
         """Called periodically."""
@@ -179,14 +180,10 @@ class Recorder:
             if self._records_series:
                 self._series.seen(message.header.stamp.to_sec(), [tip.x, tip.y, tip.z])
 
-    def _on_vision(self, message: VisionStatus) -> None:
-        with self._lock:
-            self._vision = message
-
     def _settling_at(self, now: float) -> Any:
         out = self._watch.at(now)
         # If no tags are seen, vision_status knows the cause.
-        blind = out.stale or out.state == "no_tags"
-        if blind and self._vision is not None and self._vision.state != VisionStatus.MEASURED:
-            out.reason += f"; vision says: {quoted(self._vision.message, LONGEST_MESSAGE)}"
+        vision = self._vision if out.stale or out.state == "no_tags" else None
+        if vision is not None and vision.state != VisionStatus.MEASURED:
+            out.reason += f"; vision says: {quoted(vision.message, LONGEST_MESSAGE)}"
         return out

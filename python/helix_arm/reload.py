@@ -1,15 +1,13 @@
 """`~reload` of a node in Python, as src/ros_bridge/common/parameters.hpp is that of those in C++."""
 import os
 import threading
-from typing import Callable
-
-import rospy
+from typing import Any, Callable
 
 from helix_arm import Scene, _core
 from helix_arm.arguments import require
 from helix_arm.file_access import FileAccess, quoted
-from helix_arm.node import log
-from helix_arm.srv import Reload, ReloadRequest, ReloadResponse
+from helix_arm.jobs import serve
+from helix_arm.srv import Reload
 
 SCENES = "config/scenes"  # of the package
 
@@ -24,7 +22,7 @@ class ReloadServer:
     def __init__(self, path: str, scene_folder: str, adopt: Callable[[Scene], None]) -> None:
         self.scene, self.lock = Scene.load(path), threading.RLock()
         self._first, self._path, self._folder, self._adopt = path, path, scene_folder, adopt
-        self._service = rospy.Service("~reload", Reload, self._on_reload)
+        self._service = serve("reload", Reload, self._on_reload)
 
     def _allowed(self, given: str) -> str:
         """The file that a request means. Raises ValueError if the node does not accept it."""
@@ -38,17 +36,11 @@ class ReloadServer:
         access = FileAccess({"~scene_folder": self._folder, "the package's own": shipped})
         return access.to_read("scene", given, ".yaml")
 
-    def _on_reload(self, request: ReloadRequest) -> ReloadResponse:
-        try:
-            path = self._allowed(request.scene)
-            scene = Scene.load(path)
-            with self.lock:
-                self.scene._require_same_rig(scene)
-                self._adopt(scene)
-                self.scene, self._path = scene, path
-            log.info(f"reload: scene {scene.name} of {path}")
-            return ReloadResponse(True, f"scene {scene.name} of {path}")
-        except Exception as fault:
-            text = _core._printable(str(fault).encode())
-            log.warning(f"reload refused, nothing changed: {text}")
-            return ReloadResponse(False, text)
+    def _on_reload(self, request: Any, response: Any) -> None:
+        path = self._allowed(request.scene)
+        scene = Scene.load(path)
+        with self.lock:
+            self.scene._require_same_rig(scene)
+            self._adopt(scene)
+            self.scene, self._path = scene, path
+        response.success, response.message = True, f"scene {scene.name} of {path}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from typing import Any
 
 import rospy
 from std_srvs.srv import Trigger
@@ -22,8 +23,11 @@ class CommandTrace:
         self._stamp, self._sent = rospy.Time(), -math.inf
         self._waits = self._heard = self._accepted = self._rested = False
 
-    def sent(self, stamp: rospy.Time) -> None:
-        self._stamp, self._sent, self._waits = stamp, time.monotonic(), True
+    def send(self, publisher: rospy.Publisher, target: Any) -> None:
+        """Publishes a target of this moment."""
+        target.header.stamp = rospy.get_rostime()
+        self._stamp, self._sent, self._waits = target.header.stamp, time.monotonic(), True
+        publisher.publish(target)
 
     def answered(self, status: TargetStatus) -> None:
         """Notes an answer on target_status, to whomever."""

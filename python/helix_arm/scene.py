@@ -196,8 +196,7 @@ class Scene(_core.Scene):
             return np.array([one[name] for one in found], dtype).reshape(len(found), *shape)
 
         return results.Fit(
-            captures=column("capture", dtype=np.intc), pressures_pa=column("pressures_pa", n),
-            status=column("status", dtype=str),
+            captures=column("capture", dtype=np.intc), pressures_pa=column("pressures_pa", n), status=column("status", dtype=str),
             twists=column("twists", self.sections, 6), covariances=column("covariance", size, size), tips=column("tip", 3),
             quaternions_xyzw=column("quaternion_xyzw", 4), tip_covariances=column("tip_covariance", 3, 3), rms=column("rms"),
             outlier_tags=[one["outlier_tags"] for one in found])
@@ -284,8 +283,7 @@ class Scene(_core.Scene):
                        [arguments.rows(force, "force", 4), arguments.rows(blind, "blind", 2)]]
         require(push is None or np.linalg.norm(push[1:]) <= 100, "force is more than 100 N; expected time, x, y, z in s and N")
         if times is not None:
-            require(times[0] <= times[1],
-                    f"blind ends at {times[1]:g} before it begins at {times[0]:g}; expected from, to [s]")
+            require(times[0] <= times[1], f"blind ends at {times[1]:g} before it begins at {times[0]:g}; expected from, to [s]")
         found = self._follow(targets, path, seconds, open, sight == "rendered", push, times, latency_s, seed,
                              self if rig is None else rig, plant)
         numbers, states, unreachable, alarms, others = found

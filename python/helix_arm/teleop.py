@@ -9,7 +9,7 @@ from typing import Dict, Optional, Tuple
 
 import numpy as np
 import rospy
-from geometry_msgs.msg import Point, Twist
+from geometry_msgs.msg import Point, Pose, Twist
 from sensor_msgs.msg import Joy
 
 from helix_arm.arguments import require
@@ -122,11 +122,9 @@ class Teleop(Node):
             if rests:
                 self._trace = CommandTrace()
             if wanted is not None:
-                target = TipTarget(mode=TipTarget.POSITION)
-                target.header.stamp, target.pose.position = rospy.get_rostime(), Point(*wanted)
-                self._trace.sent(target.header.stamp)
+                target = TipTarget(mode=TipTarget.POSITION, pose=Pose(position=Point(*wanted)))
+                self._trace.send(self._publisher, target)
                 self._sent.add(target.header.stamp.to_sec(), wanted)
-                self._publisher.publish(target)
         if rests and not end.is_urgent():  # without a master, the call would block
             request_rest()
 

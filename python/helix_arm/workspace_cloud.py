@@ -7,7 +7,7 @@ from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
 
 from helix_arm import Scene
-from helix_arm.node import DONE, FAILED, Node, Parameters, end, log, run
+from helix_arm.node import FAILED, Node, Parameters, end, log, run
 from helix_arm.reload import SCENES, ReloadServer
 
 MOST_POINTS = 2000000
@@ -30,13 +30,9 @@ class WorkspaceCloud(Node):
         self._frame = reader.frame("frame_prefix") + "arm_base"
         scene_folder = reader.folder("scene_folder")
         reader.finish()
-        self._verdict = DONE
         self._publisher = rospy.Publisher("workspace", PointCloud2, latch=True, queue_size=10)
         self._reload = ReloadServer(path, scene_folder, self._adopt)
         self._start(self._reload.scene)
-
-    def finish(self) -> int:
-        return self._verdict
 
     def _adopt(self, scene: Scene) -> None:
         self._publish(scene, np.empty((0, 3)))  # the previous points are of another scene

@@ -5,6 +5,7 @@ import copy
 import json
 import math
 import random
+import re
 import struct
 import subprocess
 import tempfile
@@ -203,6 +204,12 @@ class PlotReport(unittest.TestCase):
             self.assertEqual(exit_code, 2)
             self.assertIn(message, said)
         self.assertEqual([path.name for path in self.folder.iterdir()], ["report.json"])
+
+    def test_one_module_sets_matplotlib_up(self):
+        root, sets_up = SCRIPT.parents[1], re.compile(rb"""^\s*(import|from)\s+matplotlib|import_module\(f?["']matplotlib""", re.M)
+        files = (path for folder in ("python", "scripts") for path in (root / folder).rglob("*") if "__pycache__" not in path.parts)
+        found = [str(path.relative_to(root)) for path in files if path.is_file() and sets_up.search(path.read_bytes())]
+        self.assertEqual(found, ["python/helix_arm/drawing.py"])
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ import io
 import math
 from typing import Any, Dict, List, Tuple
 
+from helix_arm import drawing
 from helix_arm.experiments.figures import NORMAL, Figure
 from helix_arm.experiments.protocol import Analysis, Plot
 
@@ -14,7 +15,6 @@ PAGE = (8.27, 11.69)  # A4 [inch]
 COLUMNS, MOST_ROWS, ROW = 2, 84, 0.16  # of the table on a page: columns, rows in each, highest row [inch]
 MOST_PLOTS = 12
 NOTE = f"value +- standard error; value +- {NORMAL:.2f} standard errors is the 95 % interval. Definitions: docs/experiments.md"
-COLOURS = ["#1f77b4", "#2ca02c", "#9467bd", "#8c564b", "#17becf", "#bcbd22", "#7f7f7f", "#e377c2"]
 
 
 def title_of(header: List[Tuple[str, str]]) -> str:
@@ -40,27 +40,22 @@ def header_of(document: Dict[str, Any], conditions: str) -> List[Tuple[str, str]
 
 
 def _draw(axes: Any, plot: Plot, size: float) -> None:
+    colours = drawing.COLOURS
     for i, curve in enumerate(plot.curves):
-        axes.plot(curve.x, curve.y, curve.style, color=COLOURS[i % len(COLOURS)], linewidth=0.9, markersize=2.5, label=curve.label)
+        axes.plot(curve.x, curve.y, curve.style, color=colours[i % len(colours)], linewidth=0.9, markersize=2.5, label=curve.label)
     if plot.log:
         axes.set_xscale("log")
     axes.set_title(plot.title, fontsize=size + 1)
     axes.set_xlabel(plot.x, fontsize=size)
     axes.set_ylabel(plot.y, fontsize=size)
     axes.tick_params(labelsize=size)
-    axes.grid(True, color="#dddddd", linewidth=0.6)
-    axes.set_axisbelow(True)
-    if 1 < len(plot.curves) <= len(COLOURS):
+    drawing.add_grid(axes)
+    if 1 < len(plot.curves) <= len(colours):
         axes.legend(fontsize=size - 0.5, frameon=False)
 
 
-def _figure(width: float, height: float) -> Any:
-    from matplotlib.figure import Figure as Drawing  # without pyplot, which keeps figures and asks for a display
-    return Drawing(figsize=(width, height))
-
-
 def _table_page(header: List[Tuple[str, str]], analysis: Analysis) -> Any:
-    page = _figure(*PAGE)
+    page = drawing.page(*PAGE)
     page.text(0.07, 0.955, title_of(header), fontsize=15)
     for i, (name, text) in enumerate(header):
         page.text(0.07, 0.93 - 0.015 * i, name, fontsize=7, color="#555555")
@@ -82,7 +77,7 @@ def _table_page(header: List[Tuple[str, str]], analysis: Analysis) -> Any:
 
 def _plot_page(analysis: Analysis) -> Any:
     plots = analysis.plots[:MOST_PLOTS]
-    page = _figure(*PAGE)
+    page = drawing.page(*PAGE)
     across = 2 if len(plots) <= 6 else 3
     down = max(math.ceil(len(plots) / across), 3)
     for i, plot in enumerate(plots):
@@ -92,11 +87,8 @@ def _plot_page(analysis: Analysis) -> Any:
 
 
 def pdf_of(header: List[Tuple[str, str]], analysis: Analysis) -> bytes:
-    from matplotlib.backends.backend_pdf import PdfPages
     file = io.BytesIO()
-    with PdfPages(file, metadata={"Title": title_of(header), "Creator": "helix_arm"}) as pages:
-        pages.savefig(_table_page(header, analysis))
-        pages.savefig(_plot_page(analysis))
+    drawing.save_pdf(file, (_table_page(header, analysis), _plot_page(analysis)), title_of(header), "helix_arm")
     return file.getvalue()
 
 
@@ -112,10 +104,10 @@ def html_of(header: List[Tuple[str, str]], analysis: Analysis) -> str:
         text.append(f"<tr><td>{cells[0]}<td>{cells[1]}<td class=n>{cells[2]}<td><small>{cells[3]}</small>")
     text.append(f"</table><p>{html.escape(NOTE)}</p><h2>Plots</h2>")
     for plot in analysis.plots:
-        drawing, picture = _figure(4.2, 3.0), io.BytesIO()
-        _draw(drawing.add_subplot(1, 1, 1), plot, 8)
-        drawing.tight_layout()
-        drawing.savefig(picture, format="png", dpi=110)
+        drawn, picture = drawing.page(4.2, 3.0), io.BytesIO()
+        _draw(drawn.add_subplot(1, 1, 1), plot, 8)
+        drawn.tight_layout()
+        drawn.savefig(picture, format="png", dpi=110)
         content = base64.b64encode(picture.getvalue()).decode()
         text.append(f"<img alt=\"{html.escape(plot.title)}\" src=\"data:image/png;base64,{content}\">")
     return "\n".join(text) + "</html>\n"
