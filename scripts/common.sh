@@ -6,6 +6,7 @@ devel_dir="$root/devel"
 build_options=()  # additional options of CMake
 testing=OFF         # ON: install the packages for tests, and configure the tests
 packaging=OFF       # ON: install the packages for scripts/package
+crossing=OFF        # ON: install the packages for scripts/arm64
 
 say() { printf '%s\n' "$*" >&2; }
 fail() { say "$(basename "$0"): $*"; exit 1; }
@@ -58,6 +59,7 @@ wanted_packages() {
   release="$(ros_release)"
   [[ $testing == OFF ]] || uses+="|-tests"
   [[ $packaging == OFF ]] || uses+="|-package"
+  [[ $crossing == OFF ]] || uses+="|-arm64"
   local releases="all|$release|$(codename)"
   [[ $release == debian ]] || releases+="|ubuntu"
   sed -n -E "s/^($releases)($uses): *//p" "$root/scripts/packages.txt" | sed "s/ros-RELEASE-/ros-$release-/g"

@@ -318,7 +318,7 @@ class RunAction:
             out = self._calibrator.scene_path(goal.out)
             cancelled = self._server.is_preempt_requested
             fill(result, self._calibrator.commission(data, out, cancelled) if goal.walk else
-                 self._calibrator.calibrate(data, out, cancelled, goal.fit, force=goal.force), out)
+                 self._calibrator.calibrate(data, out, cancelled, goal.fit, force=goal.force, apply_suspect=goal.apply_suspect), out)
 
         answer("run_calibration", result, fit)
         return self._server.is_preempt_requested()
@@ -394,7 +394,8 @@ class Calibration(Node):
                   max(request.rest_offset_m, 0.0) if request.rest_offset_m else REST_OFFSET)
         with self._jobs.claim(FIT):
             data = self._calibrator.load(request.data) if request.data else self._recorder.recording().data()
-            fill(response, self._calibrator.calibrate(data, out, lambda: False, request.fit, noises, force=request.force), out)
+            more = {name: getattr(request, name) for name in ("force", "apply_suspect")}
+            fill(response, self._calibrator.calibrate(data, out, lambda: False, request.fit, noises, **more), out)
 
     def _fit_contraction(self, request: Any, response: Any) -> None:
         kind, branch = word_of("kind", request.kind, KINDS), word_of("branch", request.branch, BRANCHES)

@@ -220,7 +220,7 @@ class Scene(_core.Scene):
     def calibrate(self, data: Union[Data, Sequence[Data]], fit: Sequence[str] = ("stiffness",), *, contraction: str = "",
                   curvature_noise_rad: float = 0.0, corner_noise_px: float = 0.0, position_noise_m: float = 0.0,
                   rotation_noise_rad: float = 0.0, rest_offset_m: float = REST_OFFSET, errors: bool = True,
-                  force: bool = False) -> results.Calibration:
+                  force: bool = False, apply_suspect: int = 0) -> results.Calibration:
         """Stiffness, lengths, base and placements of tags from measurements, with their standard errors.
 
         data: one or several data sets: curvatures, tag poses, tag corners, free lengths or series of the tip; each a path, or a dict of
@@ -229,7 +229,7 @@ class Scene(_core.Scene):
         rest_offset_m: expected standard deviation of the tip's offset from trial to trial, per axis, of a series; 0: none.
         errors: False fits the values alone, in the least time: standard errors, verdicts and what follows from them are None or
         empty in the result, and no parameter is held at the scene's value. force: accept a fit that a suspect explains by 90 %, that
-        predicts worse than before, or stays beyond five times the noise.
+        predicts worse than before, or stays beyond five times the noise. apply_suspect: correct the captures as it does, from 1; 0: none.
         """
         sets = [data] if isinstance(data, (str, os.PathLike, Mapping)) else arguments.items(
             data, "data", "the path of a data set, a dict of its columns, or a list of those")
@@ -243,7 +243,8 @@ class Scene(_core.Scene):
         arguments.flag(force, "force")
         require(bool(sets), "data is empty; expected paths of data sets, or dicts of columns")
         tables = [arguments.data_set(one, f"data[{i}]") for i, one in enumerate(sets)]
-        found = self._calibrate(tables, words, contraction, noises, errors, force=force)
+        suspect = arguments.integer(apply_suspect, "apply_suspect", 0, 5)
+        found = self._calibrate(tables, words, contraction, noises, errors, force=force, apply_suspect=suspect)
         if found["next_pressures_pa"] is not None:
             found["next_pressures_pa"] = np.array(found["next_pressures_pa"] or np.zeros((0, 0)))
         for name, kind in (("parameters", results.Parameter), ("combinations", results.Combination),

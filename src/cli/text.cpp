@@ -34,12 +34,12 @@ constexpr std::pair<const char*, const char*> kNames[] = {
     {"residual", "residual_m"}};
 // Keys in front of, and behind, all others; those in no list stand by the alphabet: numbers and
 // words, then tables.
-const char* const kFirst[] = {"scene", "name",    "id",          "file",    "capture", "line",
-                              "s",     "part",    "severity",    "tier",    "order",   "setting",
-                              "state", "success", "passed",      "vented",  "status",  "kind",
-                              "rank",  "label",   "pressure_pa", "summary", "value"};
-const char* const kLast[] = {"unit",    "note",   "notes",  "warnings",
-                             "failure", "reason", "remedy", "out"};
+const char* const kFirst[] = {"scene",       "name",    "id",     "file",     "capture",
+                              "line",        "s",       "part",   "severity", "tier",
+                              "order",       "setting", "state",  "success",  "passed",
+                              "vented",      "status",  "kind",   "rank",     "label",
+                              "pressure_pa", "summary", "reason", "warnings", "value"};
+const char* const kLast[] = {"unit", "note", "notes", "failure", "remedy", "out"};
 const char* const kForMachines[] = {"covariance", "covariance_m2", "tip_covariance", "correlation"};
 
 constexpr int kStep = 2;

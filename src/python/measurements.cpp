@@ -252,10 +252,11 @@ py::dict calibrate(const Scene& self,
                    const std::variant<procedures::CalibrationData, std::vector<Data>>& data,
                    const std::vector<std::string>& words, const std::string& contraction,
                    const std::array<double, 5>& noises, bool errors, const std::string& curve,
-                   const std::string& branch, bool force) {
+                   const std::string& branch, bool force, int apply_suspect) {
   procedures::CalibrationRequest request =
       requestOf(words, contraction, noises, errors, curve, branch);
   request.force = force;
+  request.apply_suspect = apply_suspect;
   procedures::CalibrationData read;
   if (const auto* sets = std::get_if<std::vector<Data>>(&data)) {
     for (const Data& one : *sets) procedures::addDataSet(self.scene(), dataSetOf(one), read);
@@ -420,7 +421,7 @@ void bindMeasurements(py::class_<Scene>& scene) {
   scene.def("_fit", fit, "captures"_a)
       .def("_localize", localize, "pictures"_a, "pressures_pa"_a)
       .def("_calibrate", calibrate, "data"_a, "fit"_a, "contraction"_a, "noises"_a, "errors"_a,
-           "curve"_a = "", "branch"_a = "both", "force"_a = false)
+           "curve"_a = "", "branch"_a = "both", "force"_a = false, "apply_suspect"_a = 0)
       .def("_follow", follow, "tips"_a, "path"_a, "seconds"_a, "open"_a, "rendered"_a, "force"_a,
            "blind"_a, "latency_s"_a, "seed"_a, "rig"_a, "plant"_a)
       .def("_quiet_path", quietPath, "seconds"_a, "seed"_a)

@@ -28,11 +28,11 @@ TEST(Text, KeysGiveNamesUnitsAndOrder) {
                     {"tip", {{"position_m", {0.36, -1e-12, 0.02}}, {"turned_rad", 1.0}}}}),
             "scene         demo\n"
             "passed        yes\n"
+            "warning       slow, late\n"
             "rms           12.5 mm\n"
             "supply        500 kPa\n"
             "tip position  360.000, 0.000, 20.000 mm\n"
             "tip turned    57.2958 deg\n"
-            "warning       slow, late\n"
             "written       b.yaml\n");
 }
 

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, Delaunay, QhullError
 from scipy.stats import qmc
 
-from helix_arm.experiments.figures import Figure, of_repeats
+from helix_arm.experiments.figures import Figure, jackknife
 from helix_arm.experiments.protocol import Analysis, Course, Curve, Options, Plot, Recordings, Trial
 from helix_arm.experiments.repeatability import LOOK_S, NO_SCENE, held_of
 from helix_arm.experiments.rig import Rig
@@ -39,11 +39,9 @@ def analyse(recordings: Recordings, names: Sequence[str], scene: Optional[Scene]
     reached = np.array([[tip for _, tip in one[1:]] for one in held])  # the first visit conditions
     farthest = int(np.argmax(np.linalg.norm(reached.mean(axis=1), axis=1)))
 
-    def rms(tips: np.ndarray) -> float:
-        return 1e3 * float(np.sqrt(np.mean(np.sum((tips - predicted) ** 2, axis=1))))
-
     rows: List[Tuple[str, str, str, Callable[[np.ndarray], float], str]] = [
-        ("model error", "e", "mm", rms, "RMS distance of the tip at rest from the model's"),
+        ("model error", "e", "mm", lambda tips: 1e3 * float(np.sqrt(np.mean(np.sum((tips - predicted) ** 2, axis=1)))),
+         "RMS distance of the tip at rest from the model's"),
         ("reach", "R", "mm", lambda tips: 1e3 * float(np.linalg.norm(tips[farthest])), "Largest distance of the tip from the base")]
     try:
         hull, generator = ConvexHull(predicted), np.random.default_rng(1)
@@ -57,9 +55,9 @@ def analyse(recordings: Recordings, names: Sequence[str], scene: Optional[Scene]
         pass
     out = Analysis()
     for name, symbol, unit, figure, text in rows:
-        value, error = of_repeats([figure(reached[:, k]) for k in range(visits - 1)])
+        value, error = jackknife(list(reached.swapaxes(0, 1)), lambda some: figure(np.mean(some, axis=0)))
         out.figures.append(Figure(name, symbol, value, max(error, 100 / POINTS if symbol == "C" else 0.0), unit,
-                                  f"{text}, {len(held)} places; scatter of the visits."))
+                                  f"{text}, {len(held)} places, mean of the visits; jackknife over these."))
     for across, up in ((1, 2), (1, 0)):
         out.plots.append(Plot("Tips at rest", f"{'xyz'[across]} [mm]", f"{'xyz'[up]} [mm]",
                               [Curve(1e3 * tips[:, across], 1e3 * tips[:, up], label, style)
