@@ -3,7 +3,8 @@
 
 Each rig has regulators with a lag, muscles with dead time, lag, play and creep, a mode, a valve that comes to rest a little differently
 each time, noise of readings and camera, and pictures in which the tip is not seen. The truth of a figure is what its definition gives
-for the rig's motion without noise, every 10 ms, or the rig's own parameter; of those of ISO 9283, the mean over many experiments.
+for the rig's motion without noise, every 10 ms, or the rig's own parameter; of those of ISO 9283, the mean over many experiments; of
+AT and RT, with the motion of this one, since play keeps the way in which the arm came to the circle.
 
 usage: experiment_coverage.py [--rigs N] [--seed N] [--experiments a,b,c] [--ringing] [--check]
   --ringing   rigs of little damping and lag, whose steps show both figures of the mode
@@ -89,8 +90,10 @@ class OwnRig:
             return self.motion(targets + np.where(still[:, None], self.valve * r.standard_normal((arrivals[-1] + 1, 3))[arrivals], 0.0))
 
         looks = np.diff(np.floor(np.append(0, time) * RATE_HZ + 1e-9)) > 0
-        def again(noisy=True):
-            pressure, tips = motion()
+        moved = motion()
+
+        def again(noisy=True, same=True):
+            pressure, tips = moved if same else motion()
             if noisy:
                 tips = tips + self.noise_m * r.standard_normal(tips.shape)
                 tips[~looks | (r.random(len(time)) < self.unseen)] = np.nan
@@ -161,7 +164,7 @@ def motions_truth(name, draws=12):
     def truth(rig, trials):
         found = {}
         for _ in range(draws):
-            others = {key: again(noisy=False) for key, (_, _, again) in trials.items()}
+            others = {key: again(noisy=False, same=False) for key, (_, _, again) in trials.items()}
             for one in EXPERIMENTS[name].analyse(others, NAMES, Scene.load("demo")).figures:
                 found.setdefault(one.name, []).append(one.value)
         return {name: np.mean(values) for name, values in found.items() if None not in values}

@@ -85,6 +85,14 @@ class SimulatedRigTest(unittest.TestCase):
         after = np.linalg.norm(calibrated.tips(self.pressures) - self.tips, axis=1).mean()
         self.assertLess(after, 0.5 * before)
 
+    def test_a_suspect_is_corrected_on_request(self):
+        names, exchanged = ["pressure_1_kpa", "pressure_2_kpa"], self.rig / "exchanged.csv"
+        text = (self.rig / "tag_corners.csv").read_text(encoding="utf-8")
+        exchanged.write_text(text.replace(",".join(names), ",".join(names[::-1])), encoding="utf-8")
+        refused, corrected = (self.scene.calibrate(exchanged, fit=["stiffness", "length_scale"], apply_suspect=k) for k in (0, 1))
+        self.assertEqual((refused.success, refused.suspects[0].cause, corrected.success), (False, "channels_exchanged", True))
+        self.assertLess(corrected.tip_error_after_m, 0.3 * refused.tip_error_after_m)
+
 
 class CalibrationTest(unittest.TestCase):
     """Curvatures of an arm whose K_kappa is not that of its scene."""

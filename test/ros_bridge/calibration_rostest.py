@@ -51,6 +51,8 @@ class Runs(CalibrationRig):
         response = self.call("calibrate", Calibrate, fit=fit, data=[self.path(name) for name in names])
         self.assertTrue(response.success, response.message)
         self.assertEqual(response.names, result.names)
+        refused = self.call("calibrate", Calibrate, fit=fit, data=[self.path(name) for name in names], apply_suspect=6)
+        self.assertIn("suspect 6 is not among the", refused.message)
         self.assertLess(np.linalg.norm(np.subtract(response.values, result.values)), tolerance * np.linalg.norm(result.values))
 
 

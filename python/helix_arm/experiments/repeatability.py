@@ -139,7 +139,7 @@ def pose_figures(recording: Recording, scene: Optional[Scene]) -> List[Figure]:
 def crossings(time: np.ndarray, tips: np.ndarray, commanded: np.ndarray, period: float) -> Tuple[np.ndarray, np.ndarray]:
     """Of a circle: attained (turns, POINTS, 3) and commanded (POINTS, 3) where paths cross planes through the circle's axis; each
     the mean over a part of the turn. The first turn is left out."""
-    last = commanded[time > time[-1] - period]
+    last, seen = commanded[time > time[-1] - period], np.isfinite(tips).all(axis=1)
     centre = (last.max(axis=0) + last.min(axis=0)) / 2
     axes = np.linalg.svd(last - last.mean(axis=0), full_matrices=False)[2][:2]
 
@@ -148,7 +148,7 @@ def crossings(time: np.ndarray, tips: np.ndarray, commanded: np.ndarray, period:
         at = np.minimum(((angle / (2 * np.pi) % 1) * POINTS).astype(int), POINTS - 1)
         return np.array([positions[at == i].mean(axis=0) if np.any(at == i) else np.full(3, np.nan) for i in range(POINTS)])
 
-    turns = [means(tips[(time > time[-1] - (k + 1) * period) & (time <= time[-1] - k * period)])
+    turns = [means(tips[seen & (time > time[-1] - (k + 1) * period) & (time <= time[-1] - k * period)])
              for k in range(int((time[-1] - time[0]) / period - 0.9))]
     return np.array(turns[::-1]), means(last)
 
@@ -161,7 +161,6 @@ def path_figures(trial: str, recording: Recording, scene: Optional[Scene]) -> Li
     moves = np.flatnonzero(np.any(np.diff(recording.target_pa, axis=0) != 0, axis=1))
     gaps = np.flatnonzero(np.diff(recording.time_s[moves]) > 0.3)
     path = np.arange(moves[gaps[0]] + 1, moves[gaps[-1]] + 1)
-    path = path[recording.seen()[path]]
     commanded = scene.tips(np.clip(recording.target_pa[path], *scene.limits_pa.T))
     attained, points = crossings(recording.time_s[path], recording.tip_m[path], commanded, float(told[1]))
     known = np.isfinite(attained).all(axis=(0, 2)) & np.isfinite(points).all(axis=1)
