@@ -158,29 +158,41 @@ def bode_truth(rig, trials):
     return out
 
 
-def motions_truth(name, draws=12):
-    """Mean of what the definitions give for motions that differ in the valve alone, since play adds up only what it pushes on;
-    test/python/experiments_test.py has closed forms of these figures."""
-    def truth(rig, trials):
-        found = {}
-        for _ in range(draws):
-            others = {key: again(noisy=False, same=False) for key, (_, _, again) in trials.items()}
-            for one in EXPERIMENTS[name].analyse(others, NAMES, Scene.load("demo")).figures:
-                found.setdefault(one.name, []).append(one.value)
-        return {name: np.mean(values) for name, values in found.items() if None not in values}
-    return truth
+def mean_figures(name, trials, draws=12, **how):
+    """Of recordings that differ in the noise alone or, without noise, in the valve, since play adds up only what it pushes on."""
+    found = {}
+    for _ in range(draws):
+        others = {key: again(**how) for key, (_, _, again) in trials.items()}
+        for one in EXPERIMENTS[name].analyse(others, NAMES, Scene.load("demo")).figures:
+            found.setdefault(one.name, []).append(one.value)
+    return {name: np.mean(values) for name, values in found.items() if None not in values}
+
+
+def hysteresis_truth(rig, trials):
+    """Widths and strokes of all rows between the turns, without the package; play and lag of other motions."""
+    out = mean_figures("hysteresis", trials, noisy=False, same=False)
+    for name, (_, true, _) in trials.items():
+        target, pressure = (values[:, np.argmax(np.ptp(true.target_pa, axis=0))] for values in (true.target_pa, true.measured_pa))
+        tops = np.flatnonzero((np.diff(target[:-1]) > 0) & (np.diff(target[1:]) < 0)) + 1
+        ends = [top + int(np.argmax(target[top:] < np.median(target[300:700]) + 1)) for top in tops]
+        chord, half, strokes, widths = true.tip_m[tops[0]] - true.tip_m[ends[0]], len(tops) // 2, [], []
+        tip = true.tip_m @ (chord / np.linalg.norm(chord))
+        for begin, top, end in zip(ends, tops[1:], ends[1:]):
+            strokes.append(tip[top] - tip[end])
+            nodes = pressure[end] + np.linspace(0.2, 0.8, 121) * (pressure[top] - pressure[end])
+            up, down = (np.interp(nodes, *np.array(sorted(zip(pressure[a:b], tip[a:b]))).T) for a, b in ((begin, top), (top, end)))
+            widths.append((down - up) / strokes[-1])
+        out[f"{name} stroke"] = 1e3 * np.mean(strokes[:half - 1])
+        for period, some in ((32, widths[:half - 1]), (8, widths[half:])):
+            out[f"{name} loop width at {period} s"] = 100 * np.mean(some, axis=0).max()
+    return out
 
 
 def repeatability_truth(rig, trials):
     """Means over many experiments that differ in the valve and in the noise alone."""
-    scene, found = Scene.load("demo"), {}
-    (_, true, _), draws, drawn = trials["poses"], 300, []
-    for trial, (_, _, again) in trials.items():
-        if trial.startswith("circle"):
-            for _ in range(20):
-                for one in EXPERIMENTS["repeatability"].analyse({trial: again()}, NAMES, scene).figures:
-                    found.setdefault(one.name, []).append(1e-3 * one.value)
-    found = {name: np.mean(values) for name, values in found.items()}
+    circles = {name: one for name, one in trials.items() if name.startswith("circle")}
+    found = {name: 1e-3 * value for name, value in mean_figures("repeatability", circles, 20).items()}
+    (_, true, _), draws, drawn, scene = trials["poses"], 300, [], Scene.load("demo")
     poses, r = attained_of(true), np.random.default_rng(5)
     for target, tips in poses.values():
         slope = np.array([rig.tips(target[None] + 100 * e)[0] - rig.tips(target[None])[0] for e in np.eye(3)]).T / 100
@@ -200,16 +212,13 @@ def repeatability_truth(rig, trials):
     return {name: 1e3 * value for name, value in found.items()}
 
 
-def stiffness_truth(rig, trials):
-    return {f"stiffness along {'xyz'[k]} at {level} %": 1e-3 / rig.compliance[k, k] for k in range(3) for level in (20, 60)}
-
-
-def payload_truth(rig, trials):
-    return {"shift by a payload": 1e3 * np.linalg.norm(rig.compliance @ Scene.load("demo")._down) * 0.05 * 9.81}
-
-
-TRUTHS = {"step": step_truth, "bode": bode_truth, "repeatability": repeatability_truth, "stiffness": stiffness_truth,
-          "payload": payload_truth, **{name: motions_truth(name) for name in ("hysteresis", "creep", "workspace")}}
+TRUTHS = {
+    "step": step_truth, "bode": bode_truth, "repeatability": repeatability_truth, "hysteresis": hysteresis_truth,
+    "stiffness": lambda rig, _: {f"stiffness along {'xyz'[k]} at {level} %": 1e-3 / rig.compliance[k, k]
+                                 for k in range(3) for level in (20, 60)},
+    "payload": lambda rig, _: {"shift by a payload": 1e3 * np.linalg.norm(rig.compliance @ Scene.load("demo")._down) * 0.05 * 9.81},
+    "creep": lambda _, trials: mean_figures("creep", trials, noisy=False, same=False),
+    "workspace": lambda _, trials: mean_figures("workspace", trials, noisy=False, same=False)}
 
 
 def judged(name, scene, seed, ringing):

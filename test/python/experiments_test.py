@@ -73,6 +73,8 @@ class ClosedFormTest(unittest.TestCase):
         found = figures("hysteresis", {"m": recording(target, tip)})
         self.assertAlmostEqual(found["m play"].value, 6, delta=0.05)
         self.assertAlmostEqual(found["m lag"].value, 0.2, delta=0.005)
+        self.assertAlmostEqual(found["m stroke"].value, 84, delta=0.05)  # 100 - 2 * 6 - 2 * 0.2 s of 10 kPa/s
+        self.assertAlmostEqual(found["m loop width at 20 s"].value, 100 * 16 / 84, delta=0.05)
 
     def test_creep_that_is_a_logarithm(self):
         since = TIME - 20

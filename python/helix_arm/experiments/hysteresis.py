@@ -12,8 +12,8 @@ from helix_arm.experiments.rig import Recording, Rig
 from helix_arm.scene import Scene
 
 REPEATS, SLOW_S, FAST_S, TOP = 5, 32.0, 8.0, 0.8  # periods of the cycles; TOP: share of the range
-BINS, PICTURES, FEWEST = 24, 4, 6  # parts of a branch: most; pictures in each, by which short branches have fewer; least
-NODES, DEGREE = np.linspace(0.2, 0.8, 13), 6  # parts of the range where branches are compared; polynomial through their distance
+BINS, PICTURES, FEWEST = 32, 4, 6  # parts of a branch: most; pictures in each, by which short branches have fewer; least
+NODES, DEGREE = np.linspace(0.2, 0.8, 25), 8  # parts of the range where branches are compared; polynomial through their distance
 LEAST = 0.5  # of the largest range, that a cycle has
 
 
@@ -81,8 +81,8 @@ def turns_of(pressure: np.ndarray) -> List[Tuple[int, int, int]]:
 
 
 def _branch(recording: Recording, pressure: np.ndarray, rows: slice) -> Tuple[np.ndarray, np.ndarray]:
-    """(k,) pressures and (k, 3) tips, of lines through parts of the time at their middles; parts with fewer than three
-    pictures are left out."""
+    """(k,) pressures and (k, 3) tips, of lines through parts of the time at their middles, and of the last one at the turn; parts
+    with fewer than three pictures are left out."""
     time, seen = recording.time_s[rows], recording.seen()[rows]
     edges = np.linspace(time[0], time[-1], min(BINS, max(int(seen.sum() / PICTURES), FEWEST)) + 1)
     values = np.column_stack([pressure[rows], recording.tip_m[rows]])
@@ -90,8 +90,10 @@ def _branch(recording: Recording, pressure: np.ndarray, rows: slice) -> Tuple[np
     for begin, end in zip(edges, edges[1:]):
         near = seen & (time >= begin) & (time <= end)
         if near.sum() >= 3:
-            middles.append(np.polyfit(time[near] - (begin + end) / 2, values[near], 1)[-1])
-    found = np.array(middles).reshape(-1, 4)
+            slope, middle = np.polyfit(time[near] - (begin + end) / 2, values[near], 1)
+            middles.append(middle)
+            turn = middle + slope * (edges[-1] - (begin + end) / 2)
+    found = np.array([*middles, turn] if middles else []).reshape(-1, 4)
     return found[:, 0], found[:, 1:]
 
 
@@ -102,16 +104,13 @@ def cycles_of(recording: Recording) -> List[Cycle]:
     out, chord = [], None
     for begin, top, end in turns_of(command):
         (up_p, up_x), (down_p, down_x) = (_branch(recording, measured, slice(*ends)) for ends in ((begin, top + 1), (top, end + 1)))
-        if min(len(up_p), len(down_p)) < FEWEST:
+        if min(len(up_p), len(down_p)) <= FEWEST:
             continue
         if chord is None:
-            chord = (up_x[-1] + down_x[0] - up_x[0] - down_x[-1]) / 2
-            chord /= np.linalg.norm(chord)
+            chord = (up_x[-1] - down_x[-1]) / np.linalg.norm(up_x[-1] - down_x[-1])
         up_s, down_s = up_x @ chord, down_x @ chord
-        least, most = max(up_p[0], down_p[-1]), min(up_p[-1], down_p[0])
-        nodes = least + NODES * (most - least)
-        stroke = float((up_s[-1] + down_s[0] - up_s[0] - down_s[-1]) / 2)
-        half = float((up_s[-1] + down_s[0] + up_s[0] + down_s[-1]) / 4)
+        nodes = down_p[-1] + NODES * (up_p[-1] - down_p[-1])
+        stroke, half = float(up_s[-1] - down_s[-1]), float(up_s[-1] + down_s[-1]) / 2
         gap = float(_over(up_s, up_p, half) - _over(down_s, down_p, half))
         out.append(Cycle(nodes, _over(up_p, up_s, nodes), _over(down_p, down_s, nodes), stroke, gap,
                          2 * float(np.ptp(command[begin:end])) / (time[end] - time[begin]), time[end] - time[begin]))
@@ -152,7 +151,7 @@ def analyse(recordings: Recordings, names: Sequence[str], scene: Optional[Scene]
                 "of the range of the measured pressure, in parts of the stroke (hysteresis error of IEC 61298-2, with dead band); "
                 "jackknife over the cycles."))
         out.figures.append(Figure(f"{name} stroke", "S", *of_repeats([1e3 * one.stroke for one in rates[0]]), "mm",
-                                  "Distance of the tip between the ends of the slow cycle, along the chord; scatter of the cycles."))
+                                  "Distance of the tip between top and end of the slow cycle, along the chord; scatter of the cycles."))
         out.figures += _play_and_lag(name, rates)
         out.plots.append(_plot(name, rates))
     return out
