@@ -31,8 +31,7 @@ class OwnRig:
         r = self.random = np.random.default_rng(seed)
         self.limits_pa, self.slew_pa_s, self.rate_hz, self.hangs, self.origin = scene.limits_pa, 5e5, RATE_HZ, True, f"own {seed}"
         self.regulator, self.lag, self.dead = r.uniform(0.03, 0.15), np.exp(r.uniform(np.log(0.02), np.log(0.6))), r.integers(0, 5)
-        if ringing:
-            self.lag *= 0.1
+        self.lag *= 0.1 if ringing else 1.0
         self.play, self.play_share = r.uniform(2e3, 8e3), r.uniform(0.4, 1.0)
         self.creep, self.creep_s = r.uniform(0.02, 0.25), r.uniform(4, 20)
         self.frequency, self.damping = r.uniform(1.5, 4), r.uniform(0.05, 0.15 if ringing else 0.5)
@@ -119,9 +118,8 @@ def step_truth(rig, trials):
                 later = every[every > row]
                 end = later[0] if len(later) else np.flatnonzero(target[row + 100:] < low)[0] + row + 99
                 for what, values in (("pressure", true.measured_pa[:, i:i + 1]), ("tip", true.tip_m)):
-                    held = time[end] - time[row]
                     start = values[(time > time[row] - 1) & (time <= time[row])].mean(axis=0)
-                    final = values[(time > time[end] - 0.2 * held) & (time <= time[end])].mean(axis=0)
+                    final = values[(time > 0.2 * time[row] + 0.8 * time[end]) & (time <= time[end])].mean(axis=0)
                     part = (values[row:end + 1] - start) @ (final - start) / np.sum((final - start) ** 2)
                     for words, level in (("dead time", 0.05), ("63 % time", 0.63), ("90 % time", 0.9), ("98 % time", 0.98)):
                         k = int(np.argmax(part >= level))
@@ -162,8 +160,7 @@ def mean_figures(name, trials, draws=12, **how):
     """Of recordings that differ in the noise alone or, without noise, in the valve, since play adds up only what it pushes on."""
     found = {}
     for _ in range(draws):
-        others = {key: again(**how) for key, (_, _, again) in trials.items()}
-        for one in EXPERIMENTS[name].analyse(others, NAMES, Scene.load("demo")).figures:
+        for one in EXPERIMENTS[name].analyse({key: one[2](**how) for key, one in trials.items()}, NAMES, Scene.load("demo")).figures:
             found.setdefault(one.name, []).append(one.value)
     return {name: np.mean(values) for name, values in found.items() if None not in values}
 
@@ -175,14 +172,13 @@ def hysteresis_truth(rig, trials):
         target, pressure = (values[:, np.argmax(np.ptp(true.target_pa, axis=0))] for values in (true.target_pa, true.measured_pa))
         tops = np.flatnonzero((np.diff(target[:-1]) > 0) & (np.diff(target[1:]) < 0)) + 1
         ends = [top + int(np.argmax(target[top:] < np.median(target[300:700]) + 1)) for top in tops]
-        chord, half, strokes, widths = true.tip_m[tops[0]] - true.tip_m[ends[0]], len(tops) // 2, [], []
+        chord, half, widths = true.tip_m[tops[0]] - true.tip_m[ends[0]], len(tops) // 2, []
         tip = true.tip_m @ (chord / np.linalg.norm(chord))
         for begin, top, end in zip(ends, tops[1:], ends[1:]):
-            strokes.append(tip[top] - tip[end])
             nodes = pressure[end] + np.linspace(0.2, 0.8, 121) * (pressure[top] - pressure[end])
             up, down = (np.interp(nodes, *np.array(sorted(zip(pressure[a:b], tip[a:b]))).T) for a, b in ((begin, top), (top, end)))
-            widths.append((down - up) / strokes[-1])
-        out[f"{name} stroke"] = 1e3 * np.mean(strokes[:half - 1])
+            widths.append((down - up) / (tip[top] - tip[end]))
+        out[f"{name} stroke"] = 1e3 * np.mean(tip[tops[1:half]] - tip[ends[1:half]])
         for period, some in ((32, widths[:half - 1]), (8, widths[half:])):
             out[f"{name} loop width at {period} s"] = 100 * np.mean(some, axis=0).max()
     return out
@@ -196,9 +192,8 @@ def repeatability_truth(rig, trials):
     poses, r = attained_of(true), np.random.default_rng(5)
     for target, tips in poses.values():
         slope = np.array([rig.tips(target[None] + 100 * e)[0] - rig.tips(target[None])[0] for e in np.eye(3)]).T / 100
-        still = rig.valve * slope * (1 - rig.creep)
         valve, noise = r.standard_normal((2, draws, *tips.shape))
-        drawn.append(tips + (valve @ still.T + rig.noise_m / np.sqrt(30 * (1 - rig.unseen)) * noise))
+        drawn.append(tips + (valve @ (rig.valve * slope * (1 - rig.creep)).T + rig.noise_m / np.sqrt(30 * (1 - rig.unseen)) * noise))
     wanted = [scene.tips(target) for target, _ in poses.values()]
     for k, some in enumerate(drawn):
         found[f"P{k + 1} accuracy"] = np.mean([iso9283.pose_accuracy(one, wanted[k]) for one in some])
@@ -217,8 +212,7 @@ TRUTHS = {
     "stiffness": lambda rig, _: {f"stiffness along {'xyz'[k]} at {level} %": 1e-3 / rig.compliance[k, k]
                                  for k in range(3) for level in (20, 60)},
     "payload": lambda rig, _: {"shift by a payload": 1e3 * np.linalg.norm(rig.compliance @ Scene.load("demo")._down) * 0.05 * 9.81},
-    "creep": lambda _, trials: mean_figures("creep", trials, noisy=False, same=False),
-    "workspace": lambda _, trials: mean_figures("workspace", trials, noisy=False, same=False)}
+    **{key: lambda _, trials, key=key: mean_figures(key, trials, noisy=False, same=False) for key in ("creep", "workspace")}}
 
 
 def judged(name, scene, seed, ringing):
