@@ -170,15 +170,15 @@ def hysteresis_truth(rig, trials):
     out = mean_figures("hysteresis", trials, noisy=False, same=False)
     for name, (_, true, _) in trials.items():
         target, pressure = (values[:, np.argmax(np.ptp(true.target_pa, axis=0))] for values in (true.target_pa, true.measured_pa))
-        tops = np.flatnonzero((np.diff(target[:-1]) > 0) & (np.diff(target[1:]) < 0)) + 1
-        ends = [top + int(np.argmax(target[top:] < np.median(target[300:700]) + 1)) for top in tops]
-        chord, half, widths = true.tip_m[tops[0]] - true.tip_m[ends[0]], len(tops) // 2, []
+        tops = np.flatnonzero((np.diff(target[:-1]) > 0) & (np.diff(target[1:]) <= 0) & (target[1:-1] > target.mean())) + 1
+        lows = [a + int(np.argmin(target[a:b])) for a, b in zip(tops, tops[1:])]
+        chord, half, widths = true.tip_m[tops[0]] - true.tip_m[lows[0]], len(tops) // 2, []
         tip = true.tip_m @ (chord / np.linalg.norm(chord))
-        for begin, top, end in zip(ends, tops[1:], ends[1:]):
+        for begin, top, end in zip(lows, tops[1:], lows[1:]):
             nodes = pressure[end] + np.linspace(0.2, 0.8, 121) * (pressure[top] - pressure[end])
             up, down = (np.interp(nodes, *np.array(sorted(zip(pressure[a:b], tip[a:b]))).T) for a, b in ((begin, top), (top, end)))
             widths.append((down - up) / (tip[top] - tip[end]))
-        out[f"{name} stroke"] = 1e3 * np.mean(tip[tops[1:half]] - tip[ends[1:half]])
+        out[f"{name} stroke"] = 1e3 * np.mean(tip[tops[1:half]] - tip[lows[1:half]])
         for period, some in ((32, widths[:half - 1]), (8, widths[half:])):
             out[f"{name} loop width at {period} s"] = 100 * np.mean(some, axis=0).max()
     return out
