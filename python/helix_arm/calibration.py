@@ -160,7 +160,7 @@ class RunAction:
         self._client: Optional[ClientWatch] = None  # of the present run
         self._publisher = rospy.Publisher("pressure_target", PressureArray, queue_size=10, tcp_nodelay=True)
         self._subscriber = listen("target_status", TargetStatus, 100, self._on_status)
-        self.action = self._server = ActionServer("run_calibration", RunCalibrationAction, self._on_goal)
+        self.action = ActionServer("run_calibration", RunCalibrationAction, self._on_goal)
 
     def _on_status(self, status: TargetStatus) -> None:
         with self._lock:
@@ -197,7 +197,7 @@ class RunAction:
         finally:
             with self._lock:
                 self._run = None
-        self._server.conclude(result, preempted)
+        self.action.conclude(result, preempted)
 
     def _begin(self, goal: RunCalibrationGoal) -> None:
         """Raises ValueError with the reason where the run cannot begin."""
@@ -228,7 +228,7 @@ class RunAction:
 
     def _live(self, goal: RunCalibrationGoal, result: RunCalibrationResult) -> bool:
         """Fills the result. Whether the goal was preempted."""
-        self._client = self._server.watch_sender()
+        self._client = self.action.watch_sender()
         try:
             self._play()
         finally:
@@ -250,7 +250,7 @@ class RunAction:
             now = time.monotonic()
             if now - told > FEEDBACK_PERIOD:
                 told = now
-                self._server.publish_feedback(feedback)
+                self.action.publish_feedback(feedback)
             due = max(due + self._period, now)
             time.sleep(max(0.0, due - time.monotonic()))
 
@@ -259,7 +259,7 @@ class RunAction:
         with self._lock:
             run = self._run
             now, time_stands, state = self._recorder.observe()
-            if self._server.is_preempt_requested():
+            if self.action.is_preempt_requested():
                 run.end(PREEMPTED, "cancelled")
             if end.made():
                 run.end(ABORTED, "the node is shutting down")
@@ -294,7 +294,7 @@ class RunAction:
             if end.is_urgent() or rospy.is_shutdown():
                 return
             with self._lock:
-                if self._server.is_new_goal_available():
+                if self.action.is_new_goal_available():
                     return
                 waits = self._trace.awaits_answer()
                 if not waits and not self._trace.commands() and not self._trace.was_rested():
@@ -313,15 +313,15 @@ class RunAction:
         def fit() -> None:
             recording = self._recorder.recording()
             data = recording.data()
-            self._server.publish_feedback(RunCalibrationFeedback(step=run.steps, steps=run.steps, state="fitting",
+            self.action.publish_feedback(RunCalibrationFeedback(step=run.steps, steps=run.steps, state="fitting",
                                                                  samples=len(recording.samples)))
             out = self._calibrator.scene_path(goal.out)
-            cancelled = self._server.is_preempt_requested
+            cancelled = self.action.is_preempt_requested
             fill(result, self._calibrator.commission(data, out, cancelled) if goal.walk else
                  self._calibrator.calibrate(data, out, cancelled, goal.fit, force=goal.force, apply_suspect=goal.apply_suspect), out)
 
         answer("run_calibration", result, fit)
-        return self._server.is_preempt_requested()
+        return self.action.is_preempt_requested()
 
 
 def require_pneumatic(scene: Scene) -> Scene:
@@ -394,8 +394,8 @@ class Calibration(Node):
                   max(request.rest_offset_m, 0.0) if request.rest_offset_m else REST_OFFSET)
         with self._jobs.claim(FIT):
             data = self._calibrator.load(request.data) if request.data else self._recorder.recording().data()
-            more = {name: getattr(request, name) for name in ("force", "apply_suspect")}
-            fill(response, self._calibrator.calibrate(data, out, lambda: False, request.fit, noises, **more), out)
+            fill(response, self._calibrator.calibrate(data, out, lambda: False, request.fit, noises, force=request.force,
+                                                      apply_suspect=request.apply_suspect), out)
 
     def _fit_contraction(self, request: Any, response: Any) -> None:
         kind, branch = word_of("kind", request.kind, KINDS), word_of("branch", request.branch, BRANCHES)

@@ -49,12 +49,12 @@ class ProofAction:
     def __init__(self, follow: str, jobs: JobSlot, reload: ReloadServer, scene_path: Callable[[str], str]) -> None:
         self._follow, self._jobs, self._reload, self._scene_path = follow, jobs, reload, scene_path
         self._client = PatientClient(follow, FollowTipPathAction)
-        self.action = self._server = ActionServer("prove_contact", ProveContactAction, self._on_goal)
+        self.action = ActionServer("prove_contact", ProveContactAction, self._on_goal)
 
     def _on_goal(self, goal: ProveContactGoal) -> None:
         result = ProveContactResult(found_force=math.nan)
         answer("prove_contact", result, lambda: self._prove(goal, result))
-        self._server.conclude(result, self._server.is_preempt_requested())
+        self.action.conclude(result, self.action.is_preempt_requested())
 
     def _prove(self, goal: ProveContactGoal, result: ProveContactResult) -> None:
         seconds = goal.seconds or USUAL_TIME
@@ -88,15 +88,15 @@ class ProofAction:
         seconds = path.path.points[-1].time_from_start.to_sec()
 
         def tell(_: Any, feedback: FollowTipPathFeedback) -> None:
-            self._server.publish_feedback(ProveContactFeedback(feedback.time_from_start.to_sec(), seconds, feedback.state))
+            self.action.publish_feedback(ProveContactFeedback(feedback.time_from_start.to_sec(), seconds, feedback.state))
 
-        sender, mover = self._server.watch_sender(), ClientWatch(self._client.last_status_msg._connection_header["callerid"])
+        sender, mover = self.action.watch_sender(), ClientWatch(self._client.last_status_msg._connection_header["callerid"])
         moves = self._client.send_goal(path, feedback_cb=tell)
         why_not = ""
         try:
             while moves.get_comm_state() != actionlib.CommState.DONE:
                 require(not mover.is_gone(), f"the node of {self._follow} has ended before the path")
-                why = (sender.why_gone() if sender.is_gone() else "cancelled" if self._server.is_preempt_requested() else
+                why = (sender.why_gone() if sender.is_gone() else "cancelled" if self.action.is_preempt_requested() else
                        "the node is shutting down" if end.made() else "")
                 if why and not why_not:
                     why_not = why

@@ -85,8 +85,7 @@ class Recorder:
             for topic, hand in (("pressure_measured", self._watch.measured), ("pressure_command", self._watch.command))]
         self._subscribers = (
             *pressures, listen("tag_detections", TagDetections, 100, self._on_detections),
-            listen("measured", ArmShape, 100, self._on_shape),
-            listen("vision_status", VisionStatus, 100, functools.partial(setattr, self, "_vision")))
+            listen("measured", ArmShape, 100, self._on_shape), listen("vision_status", VisionStatus, 100, self._on_vision))
 
     def tick(self) -> None:
         """Called periodically."""
@@ -179,6 +178,9 @@ class Recorder:
         with self._lock:
             if self._records_series:
                 self._series.seen(message.header.stamp.to_sec(), [tip.x, tip.y, tip.z])
+
+    def _on_vision(self, message: VisionStatus) -> None:
+        self._vision = message
 
     def _settling_at(self, now: float) -> Any:
         out = self._watch.at(now)

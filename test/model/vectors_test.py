@@ -15,9 +15,9 @@ ARITHMETIC = r"\tf(?:n?mul|n?m?add|n?m?sub|ml[as]|cm[a-z]+|div|sqrt)\s+"
 code = subprocess.run([sys.argv[1], "-dC", "--no-show-raw-insn", sys.argv[2]], stdout=subprocess.PIPE, check=True).stdout.decode()
 found = dict.fromkeys(LOOPS, 0)
 for function in re.split(r"\n(?=[0-9a-f]+ <)", code):
-    name = re.match(r"[0-9a-f]+ <.*?batch::(?:\(anonymous namespace\)::)?(\w+)[<(](?!.*@plt)", function.replace("helix_arm::model::batch::RowsFound ", ""))
+    name = re.match(r"[0-9a-f]+ <(?:.*RowsFound )?.*?batch::(?:\(anonymous namespace\)::)?(\w+)[<(](?!.*@plt)", function)
     if name and name.group(1) in LOOPS:
-        vectors, singles = (len(re.findall(ARITHMETIC + register, function)) for register in (r"v\d+\.2d", r"d\d+"))
+        vectors, singles = (len(re.findall(ARITHMETIC + one, function)) for one in (r"v\d+\.2d", r"d\d+"))
         if vectors == 0 or singles > 2 * vectors:
             sys.exit("%s: %d instructions on vectors, %d on single numbers; expected half as many at least" % (name.group(1), vectors, singles))
         found[name.group(1)] += 1
