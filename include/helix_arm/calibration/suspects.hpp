@@ -41,8 +41,8 @@ constexpr double kCertain = 0.9;
 /// @param arms, options  as given to calibrate(); captures whose pressures are outside the limits
 ///     are allowed, as in another unit.
 /// @return at most 5, each of which explains 0.3 or more of what is beyond the noise. None if the
-///     fit is as good as its noise, if calibrate() would refuse the captures for another reason than
-///     their pressures, or if it was stopped.
+///     fit is as good as its noise, if calibrate() would refuse the captures for another reason
+///     than their pressures, or if it was stopped.
 /// @param stop  once it returns true, the search ends within the time of one fit.
 /// @throws std::invalid_argument if the options break their rules.
 std::vector<Suspect> suspectsOf(const std::vector<ArmCaptures>& arms,
