@@ -5,11 +5,13 @@ and stiffnesses are not those of the scene. Its protocol is that of `helix_arm f
 
 import argparse
 import math
+import os
 import sys
 from pathlib import Path
 
-import numpy as np
-from scipy.spatial.transform import Rotation
+os.environ["OPENBLAS_NUM_THREADS"] = "1"  # in matrices as small as these, threads wait for each other: four times the time
+import numpy as np  # noqa: E402
+from scipy.spatial.transform import Rotation  # noqa: E402
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent.parent / "examples"))
 import plant  # noqa: E402
@@ -136,8 +138,7 @@ class Arm:
         for _ in range(n):
             self.lagged = self.lagged + (1 - math.exp(-h / self.lag)) * (source - self.lagged)
             self.played = np.clip(self.played, self.lagged - PLAY_PA, self.lagged + PLAY_PA)
-            A, b = self.balance(self.played)
-            A, b = self.scale * A, self.scale * b
+            A, b = (self.scale * part for part in self.balance(self.played))
             K = np.kron(np.eye(N), A * N)
             D = self.beta * K
             J = self.bodies(self.q)[2]
@@ -145,8 +146,7 @@ class Arm:
             acceleration = (self.bodies(self.q + 1e-4 * self.v)[2] @ self.v - V) / 1e-4
             turning = (np.swapaxes(small_ad(V), 1, 2) @ (V @ self.inertia)[..., None])[..., 0]
             inertial = np.einsum("nij,ni->j", J, acceleration @ self.inertia - turning)
-            elastic = K @ self.q - np.tile(b, N)
-            force = -elastic - D @ self.v - inertial
+            force = np.tile(b, N) - K @ self.q - D @ self.v - inertial
             dv = np.linalg.solve(M + h / 2 * D + h * h / 4 * K, h * force - h * h / 2 * (K @ self.v))
             self.q = self.q + h * (self.v + dv / 2)
             self.v = self.v + dv

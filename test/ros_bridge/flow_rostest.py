@@ -59,6 +59,7 @@ class Flow(CommanderCase):
 
     def reach(self, publisher, target):
         """The pressures that a target comes to, which must be reached."""
+        self.held = None
         answer = self.status.answer_to(publisher, target)
         self.assertEqual(answer.outcome, TargetStatus.REACHED, answer)
         return np.array(self.command_after(answer))
@@ -209,8 +210,7 @@ class PlanarFlow(Flow):
             self.assertEqual((model.header.frame_id, model.tip.position.z), ("flat_arm_base", 0))
             self.assert_model_of_measured(model, "planar")
         tip = self.scene.tips([5e4, 2e5])
-        found = self.scene.tips(self.reach(self.tip_target, TipTarget(pose=pose_of(tip))))
-        np.testing.assert_allclose(found, tip, atol=1e-6)
+        np.testing.assert_allclose(self.scene.tips(self.reach(self.tip_target, TipTarget(pose=pose_of(tip)))), tip, atol=1e-6)
 
 
 if __name__ == "__main__":

@@ -55,7 +55,7 @@ class HardwareRig {
   }
 
   /// Whether the latched state is this one, within the deadline [s].
-  bool comesTo(const std::string& state, double deadline = 20) {
+  bool comesTo(const std::string& state, double deadline = 60) {
     return waitFor([&] { return !safety.all().empty() && safety.last().state == state; }, deadline);
   }
 

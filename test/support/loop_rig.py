@@ -88,7 +88,7 @@ class LoopRig(RosCase):
     def why(self):
         return self.loop[-1:], self.safety[-1:]
 
-    def assert_wait(self, condition, deadline=20, target=None):
+    def assert_wait(self, condition, deadline=60, target=None):
         """The condition comes to hold, while a target is repeated at 20 Hz."""
         def holds():
             if target is not None and time.monotonic() > self.last_sent + 0.05:

@@ -85,7 +85,7 @@ class RosCase(unittest.TestCase):
     def why(self):
         """What is told where a wait has failed."""
 
-    def assert_wait(self, condition, deadline=20):
+    def assert_wait(self, condition, deadline=60):
         self.assertTrue(wait_for(condition, deadline), self.why())
 
 

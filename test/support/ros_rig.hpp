@@ -23,7 +23,7 @@ namespace helix_arm::test {
 namespace names = ros_bridge::names;
 
 /// Handles callbacks until the condition holds; false when it did not within the deadline [s].
-inline bool waitFor(const std::function<bool()>& condition, double deadline = 20.0) {
+inline bool waitFor(const std::function<bool()>& condition, double deadline = 60.0) {
   const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(deadline);
   while (!condition()) {
     if (std::chrono::steady_clock::now() > end || !ros::ok()) return false;

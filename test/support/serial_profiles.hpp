@@ -48,7 +48,7 @@ inline regulator::SerialProfile ctrlPProfile() {
   profile.skip = {"{*}\t0\t{...}", "_{...}"};
   profile.vent = {"valve;-1", "mode;0"};
   profile.resume = {"mode;1"};
-  profile.timeout = kSerialTimeout;
+  profile.timeout = 2.5 * kSerialTimeout;  // a busy machine keeps back what it says by itself
   return profile;
 }
 

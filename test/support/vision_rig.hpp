@@ -48,7 +48,7 @@ struct VisionListener {
   /// Waits for a message with this stamp, which may have come already; null when none came.
   template <class Message>
   static typename Message::ConstPtr of(const Inbox<Message>& inbox, const ros::Time& stamp,
-                                       double deadline = 20.0) {
+                                       double deadline = 60.0) {
     typename Message::ConstPtr found;
     waitFor(
         [&] {
