@@ -5,7 +5,8 @@ include_directories(test)
 include(cmake/test_parts.cmake)
 
 # minutes each in qemu: scripts/arm64 --all
-set(helix_arm_slow_tests lie_accuracy_test inverse_test exact_test jacobian_test loaded_error_test tier_test)
+set(helix_arm_slow_tests lie_accuracy_test inverse_test exact_test jacobian_test loaded_error_test stiffness_table_test workspace_test
+  tier_test)
 function(helix_arm_test name)
   cmake_parse_arguments(ARG "" "TIMEOUT" "LINK;LABELS" ${ARGN})
   add_executable(${name} ${ARG_UNPARSED_ARGUMENTS})

@@ -206,13 +206,14 @@ class RunAction:
         scene = self._recorder.scene()
         rules = RunRules(goal.captures_per_pressure or USUAL_CAPTURES, self._rules.ramp, self._rules.patience + scene._rest_time_s)
         rules.validate()
+        require(0 <= goal.apply_suspect <= 5, f"apply_suspect is {goal.apply_suspect}; expected 0 to 5")
         require(goal.loop or not _core._fits_response(goal.fit),
                 "response is fitted to a series that only a run with loop records; set loop: true")
         require(self._publisher.get_num_connections() > 0, "pressure_target has no subscriber; is pressure_command running?")
         require(not end.made(), "the node is shutting down")
         require(scene._has_vision, f"scene {scene.name} has no `camera` or no `tags`, so nothing can be recorded; add them to it")
-        require(not goal.walk or not (goal.fit or goal.plan or goal.loop),
-                "walk has a plan of its own and fits nothing; leave out fit, plan and loop")
+        require(not goal.walk or not (goal.fit or goal.plan or goal.loop or goal.apply_suspect),
+                "walk has a plan of its own and fits nothing; leave out fit, plan, loop and apply_suspect")
         plan = scene._walk_plan() if goal.walk else scene._plan(goal.plan, goal.loop)
         _, _, state = self._recorder.observe()
         require(not state.stale, state.reason)

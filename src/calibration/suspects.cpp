@@ -692,6 +692,7 @@ std::vector<Suspect> namedOf(const std::vector<Found>& found, const Evidence& ev
         "no single mistake explains them: check that captures and scene are of the same arm, and "
         "look for several mistakes";
     out.insert(out.begin(), {"other_arm", "all captures", 0.0, remedy, {}, {}});
+    if (out.size() > kMostNamed) out.pop_back();
   }
   return out;
 }

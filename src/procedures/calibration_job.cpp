@@ -494,9 +494,10 @@ class CalibrationJob {
   }
 
   Refusal fitArm() {
-    if (request_.apply_suspect != 0 && (!fitsArm() || ofSeries() || fitsCurve())) {
-      return "a suspect is corrected in captures to which an arm is fitted; leave it out of a fit "
-             "of series, curves or responses alone";
+    if (request_.apply_suspect != 0 &&
+        (!fitsArm() || ofSeries() || fitsCurve() || !request_.errors)) {
+      return "a suspect is corrected in captures to which an arm is fitted with its errors; leave "
+             "it out of a fit of series, curves or responses alone, and of one without errors";
     }
     if (!fitsArm()) {
       if (companions_.empty()) return std::nullopt;
@@ -575,11 +576,9 @@ class CalibrationJob {
   // Why the fitted arm is not that of the captures.
   Refusal refuseFar() const {
     if (request_.force || !outcome_.calibration) return std::nullopt;
-    // Where a suspect explains nearly all of an excess that is no small one.
-    constexpr double kLeastNoise = 1.4;
     constexpr double kMostNoise = 5.0;
     const double noise = outcome_.calibration->noise_scale;
-    if (request_.apply_suspect == 0 && !outcome_.suspects.empty() && noise > kLeastNoise &&
+    if (request_.apply_suspect == 0 && !outcome_.suspects.empty() && noise > estimation::kLeastNoise &&
         outcome_.suspects.front().explains >= estimation::kCertain) {
       return refusedFor("a usual mistake explains the captures far better than the fitted arm");
     }

@@ -156,18 +156,18 @@ def bode_truth(rig, trials):
     return out
 
 
-def mean_figures(name, trials, draws=12, **how):
+def mean_figures(name, trials, draws=12, kept="", **how):
     """Of recordings that differ in the noise alone or, without noise, in the valve, since play adds up only what it pushes on."""
     found = {}
     for _ in range(draws):
         for one in EXPERIMENTS[name].analyse({key: one[2](**how) for key, one in trials.items()}, NAMES, Scene.load("demo")).figures:
             found.setdefault(one.name, []).append(one.value)
-    return {name: np.mean(values) for name, values in found.items() if None not in values}
+    return {name: np.mean(values) for name, values in found.items() if None not in values and name.endswith(kept)}
 
 
 def hysteresis_truth(rig, trials):
     """Widths and strokes of all rows between the turns, without the package; play and lag of other motions."""
-    out = mean_figures("hysteresis", trials, noisy=False, same=False)
+    out = mean_figures("hysteresis", trials, kept=(" play", " lag"), noisy=False, same=False)
     for name, (_, true, _) in trials.items():
         target, pressure = (values[:, np.argmax(np.ptp(true.target_pa, axis=0))] for values in (true.target_pa, true.measured_pa))
         tops = np.flatnonzero((np.diff(target[:-1]) > 0) & (np.diff(target[1:]) <= 0) & (target[1:-1] > target.mean())) + 1

@@ -50,7 +50,7 @@ class CalibrationFaults(CalibrationRig):
         for words, fields in (("everything", {"fit": ["everything"]}), ("captures is 6", {"captures_per_pressure": 6}),
                               ("set loop: true", {"fit": ["response"]}), ("4 pressures for 3 actuators", {"plan": [1, 2, 3, 4]}),
                               ("step 2 of the plan", {"plan": [0, 0, 0, 9e5, 0, 0]}), ("one pressure", {"plan": [1e5, 0, 0]}),
-                              ("/no/such/folder", {"out": "/no/such/folder/scene.yaml"})):
+                              ("/no/such/folder", {"out": "/no/such/folder/scene.yaml"}), ("apply_suspect is 6", {"apply_suspect": 6})):
             self.send(**dict({"fit": ["stiffness"], "captures_per_pressure": 1}, **fields))
             self.assert_refused(self.assert_ends(GoalStatus.ABORTED), words)
         self.assertFalse(any(self.command[-1].pressure))

@@ -82,18 +82,17 @@ def turns_of(pressure: np.ndarray) -> List[Tuple[int, int, int]]:
 
 def _branch(recording: Recording, pressure: np.ndarray, rows: slice) -> Tuple[np.ndarray, np.ndarray]:
     """(k,) pressures and (k, 3) tips, of lines through parts of the time at their middles, and of the last one at the turn; parts
-    with fewer than three pictures are left out."""
+    with fewer than three pictures are left out, and all where the last one is such a part."""
     time, seen = recording.time_s[rows], recording.seen()[rows]
     edges = np.linspace(time[0], time[-1], min(BINS, max(int(seen.sum() / PICTURES), FEWEST)) + 1)
     values = np.column_stack([pressure[rows], recording.tip_m[rows]])
     middles = []
     for begin, end in zip(edges, edges[1:]):
         near = seen & (time >= begin) & (time <= end)
-        if near.sum() >= 3:
-            slope, middle = np.polyfit(time[near] - (begin + end) / 2, values[near], 1)
-            middles.append(middle)
-            turn = middle + slope * (edges[-1] - (begin + end) / 2)
-    found = np.array([*middles, turn] if middles else []).reshape(-1, 4)
+        line = np.polyfit(time[near] - (begin + end) / 2, values[near], 1) if near.sum() >= 3 else None
+        if line is not None:
+            middles.append(line[1])
+    found = np.array([*middles, line[1] + line[0] * (edges[-1] - edges[-2]) / 2] if line is not None else []).reshape(-1, 4)
     return found[:, 0], found[:, 1:]
 
 
