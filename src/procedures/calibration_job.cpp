@@ -576,9 +576,11 @@ class CalibrationJob {
   // Why the fitted arm is not that of the captures.
   Refusal refuseFar() const {
     if (request_.force || !outcome_.calibration) return std::nullopt;
+    // Where a suspect explains nearly all of an excess that is no small one.
+    constexpr double kLeastNoise = 1.4;
     constexpr double kMostNoise = 5.0;
     const double noise = outcome_.calibration->noise_scale;
-    if (request_.apply_suspect == 0 && !outcome_.suspects.empty() && noise > estimation::kLeastNoise &&
+    if (request_.apply_suspect == 0 && !outcome_.suspects.empty() && noise > kLeastNoise &&
         outcome_.suspects.front().explains >= estimation::kCertain) {
       return refusedFor("a usual mistake explains the captures far better than the fitted arm");
     }

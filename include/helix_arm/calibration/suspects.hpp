@@ -31,9 +31,8 @@ struct Suspect {
 /// accurate [Pa].
 constexpr double kBeyondLimit = 10e3;
 
-/// Share of what is beyond the noise from which a suspect is taken for certain, where the readings
-/// deviate by more than kLeastNoise of their noise: nothing is written.
-constexpr double kCertain = 0.9, kLeastNoise = 1.4;
+/// Share of what is beyond the noise from which a suspect is taken for certain: nothing is written.
+constexpr double kCertain = 0.9;
 
 /// Tries the usual mistakes of a rig, each with a fit of the requested parameters, and names those
 /// that explain most of what the fit leaves beyond the noise, best first. The mistakes are those of
