@@ -2,6 +2,7 @@
 #   docker build -t helix_arm . && docker run --rm helix_arm                       the simulated rig, headless
 #   docker run --rm -it helix_arm bash                                             the command, and all of ROS
 #   xhost +local: && docker run --rm -e DISPLAY -v /tmp/.X11-unix:/tmp/.X11-unix helix_arm roslaunch helix_arm demo.launch
+# Where docker does not run, .ci/chroot builds the same stages.
 # A regulator: --device /dev/serial/by-id/NAME, and only one container per device, since locks do not cross containers.
 ARG RELEASE=bookworm
 
