@@ -12,7 +12,7 @@ import numpy as np
 import rospy
 
 from helix_arm import _core
-from helix_arm.arguments import require
+from helix_arm.arguments import integer, require
 from helix_arm.calibration_run import ABORTED, COMPLETED, PREEMPTED, SETTLING, CalibrationRun, RunRules
 from helix_arm.client_watch import ClientWatch
 from helix_arm.contact_proof import ProofAction
@@ -206,7 +206,7 @@ class RunAction:
         scene = self._recorder.scene()
         rules = RunRules(goal.captures_per_pressure or USUAL_CAPTURES, self._rules.ramp, self._rules.patience + scene._rest_time_s)
         rules.validate()
-        require(0 <= goal.apply_suspect <= 5, f"apply_suspect is {goal.apply_suspect}; expected 0 to 5")
+        integer(goal.apply_suspect, "apply_suspect", 0, 5)
         require(goal.loop or not _core._fits_response(goal.fit),
                 "response is fitted to a series that only a run with loop records; set loop: true")
         require(self._publisher.get_num_connections() > 0, "pressure_target has no subscriber; is pressure_command running?")
