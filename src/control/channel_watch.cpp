@@ -11,6 +11,9 @@ constexpr double kMends = 0.5;  // rate at which a correct reading undoes the ti
 // counts, and the most that is remembered once the reading is right again.
 constexpr double kBetween = 0.25, kRemembered = 2;
 constexpr double kTremble = 0.2;  // of leak_drop: a set point that moves less counts as constant
+// Time constants within half of leak_drop that count as arrival. A device that learns late of a new
+// set point still falls to its last one, below by leak_drop or more: it passes in ln 3 of them.
+constexpr double kArrival = 1.5;
 
 }  // namespace
 
@@ -53,6 +56,7 @@ void ChannelWatch::begin(double now) {
   set_point_ = stands_at_ = 0;
   reference_ = 0;
   reference_at_ = now;
+  arrival_.forget();
   arrived_ = false;
   not_following_.forget();
   leak_.forget();
@@ -72,6 +76,7 @@ void ChannelWatch::follow(double now, double set_point, const SafetyRules& rules
   if (std::abs(set_point - stands_at_) > kTremble * rules.leak_drop) {
     stands_at_ = set_point;
     arrived_ = false;
+    arrival_.forget();
     leak_.forget();
   }
   set_point_ = set_point;
@@ -90,7 +95,9 @@ void ChannelWatch::measured(double now, double asked, double reading, const Chan
   read_at_ = asked;
   const bool has_pressure = std::abs(reading) > rules.vented_below;
   if (!has_pressure) empty_at_ = asked;
-  arrived_ = arrived_ || std::abs(reading - set_point_) <= rules.leak_drop / 2;
+  arrival_.look(now, std::abs(reading - set_point_) <= rules.leak_drop / 2,
+                kArrival * std::max(rules.time_constant, rules.fallTimeConstant()));
+  arrived_ = arrived_ || arrival_.lasts();
   standing_.look(now, has_pressure, rules.spike_time);
   gone_.look(now, !has_pressure, rules.spike_time);
   was_empty_ = was_empty_ || gone_.lasts();

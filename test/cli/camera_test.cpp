@@ -318,8 +318,6 @@ TEST(CameraPlace, AWebcamThatCannotBeOpenedIsNamedHoweverShortTheTime) {
             expected);
 }
 
-// ---- localize -----------------------------------------------------------------------------------
-
 // Pictures of the demo's arm with their truth, made once.
 class Localize : public testing::Test {
  protected:

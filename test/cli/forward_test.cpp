@@ -161,8 +161,6 @@ TEST(Forward, RowsOfATableAreAsSingleCalls) {
   EXPECT_EQ(csvRows(csv.out).size(), 3U) << csv.out;
 }
 
-// ---- inverse ------------------------------------------------------------------------------------
-
 Outcome inverse(const std::string& scene, const std::vector<std::string>& target) {
   return runCommand({"inverse", scenePath(scene), "--format", "json"}, target);
 }

@@ -219,8 +219,6 @@ TEST_F(New, ChambersInOneBodyBendLessThanFreeMusclesOnTheirRing) {
   EXPECT_TRUE(has(contentOf(out_), "separators: 2 "));
 }
 
-// ---- check --------------------------------------------------------------------------------------
-
 using nlohmann::json;
 
 json findingOf(const json& result, const std::string& check) {

@@ -484,8 +484,6 @@ TEST(TipPathShapes, TheLargestAndTheSmallestAreSoundPaths) {
   }
 }
 
-// ---- The approach to a path ---------------------------------------------------------------------
-
 TEST(TipApproach, CoversTheLineWithTheLeastJerkPolynomial) {
   const Vector3d from(0.3, 0.1, -0.1), to(0.35, -0.05, 0.05);
   const TipApproach approach(from, to);

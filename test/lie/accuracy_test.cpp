@@ -30,6 +30,11 @@ struct Worst {
     rotation = std::max(rotation, other.rotation);
     translation = std::max(translation, other.translation);
   }
+  void expectWithin(double limit, const char* what) const {
+    std::printf("%s: rotation %.2f eps, translation %.2f eps\n", what, rotation, translation);
+    EXPECT_LE(rotation, limit);
+    EXPECT_LE(translation, limit);
+  }
 };
 
 template <class Group>
@@ -81,10 +86,7 @@ TYPED_TEST(Accuracy, ExpWithin4EpsUpToAHalfTurn) {
     worst.add(this->errorOfExp(this->twist(this->random_.logUniform(1e-300, kPi))));
   for (int i = 0; i < 6000; ++i)
     worst.add(this->errorOfExp(this->twist(this->random_.uniform(0, kPi))));
-  std::printf("exp to pi: rotation %.2f eps, translation %.2f eps\n", worst.rotation,
-              worst.translation);
-  EXPECT_LE(worst.rotation, 4.0);
-  EXPECT_LE(worst.translation, 4.0);
+  worst.expectWithin(4.0, "exp to pi");
 }
 
 TYPED_TEST(Accuracy, ExpIsAsGoodOnBothSidesOfTheSwitch) {
@@ -93,8 +95,7 @@ TYPED_TEST(Accuracy, ExpIsAsGoodOnBothSidesOfTheSwitch) {
     const double angle = std::sqrt(kSeriesLimit) * (1 + (i / 10 - 50) * kEps);
     worst.add(this->errorOfExp(this->twist(angle)));
   }
-  EXPECT_LE(worst.rotation, 8.0);
-  EXPECT_LE(worst.translation, 8.0);
+  worst.expectWithin(8.0, "exp at its switch");
 }
 
 TYPED_TEST(Accuracy, ExpWithin8EpsUpToTwoTurnsAwayFromFullOnes) {
@@ -107,10 +108,7 @@ TYPED_TEST(Accuracy, ExpWithin8EpsUpToTwoTurnsAwayFromFullOnes) {
     worst.add(this->errorOfExp(this->twist(angle)));
   }
   ASSERT_GT(away, 5000);
-  std::printf("exp to 4 pi: rotation %.2f eps, translation %.2f eps\n", worst.rotation,
-              worst.translation);
-  EXPECT_LE(worst.rotation, 8.0);
-  EXPECT_LE(worst.translation, 8.0);
+  worst.expectWithin(8.0, "exp to 4 pi");
 }
 
 TYPED_TEST(Accuracy, ExpKeepsItsRotationUpTo1e3AndAtFullTurns) {
@@ -135,10 +133,7 @@ TYPED_TEST(Accuracy, LogWithin4EpsUpToAHalfTurn) {
   for (int i = 0; i < 3000; ++i) {
     worst.add(this->errorOfLog(this->twist(kPi - this->random_.logUniform(1e-12, 1e-1))));
   }
-  std::printf("log to pi - 1e-12: angles %.2f eps, translation %.2f eps\n", worst.rotation,
-              worst.translation);
-  EXPECT_LE(worst.rotation, 4.0);
-  EXPECT_LE(worst.translation, 4.0);
+  worst.expectWithin(4.0, "log to pi - 1e-12");
 }
 
 TYPED_TEST(Accuracy, JacobiansFollowTheirSeries) {

@@ -312,9 +312,6 @@ TEST(ModbusProfile, EachRuleThatAFileCannotBreakIsNamedWithItsValue) {
   }
 }
 
-// ---- What befalls its link, beyond link_test
-// -----------------------------------------------------
-
 TEST(ModbusLink, ALateDeviceReceivesTheVentAndEmptiesWhileTheLinkIsHeld) {
   for (const ModbusProfile& profile : {vtemProfile(), mpaProfile()}) {
     Connected at(profile, 3, {0, 1, 2});

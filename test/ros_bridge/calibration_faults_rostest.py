@@ -1,6 +1,5 @@
 #!/usr/bin/env python3
-"""What a calibration refuses, and how it ends when something goes wrong: with a reason, with the pressures ramped down, and with
-the arm at rest. Time runs at five times its pace."""
+"""What a calibration refuses, and how it ends in trouble: with a reason, down a ramp, at rest. Time is three times as fast."""
 import os
 import signal
 import sys
@@ -74,8 +73,7 @@ class CalibrationFaults(CalibrationRig):
         # What the node itself wrote may be written again.
         self.record_when_settled(RecordSample)
         for _ in range(2):
-            saved = self.call("save", Save, path=self.path("samples.csv"))
-            self.assertTrue(saved.success, saved.message)
+            self.save("samples.csv")
 
     def test_a_sample_of_an_arm_that_moves_or_of_the_same_pictures_is_refused(self):
         self.record_when_settled(RecordSample)
@@ -106,12 +104,13 @@ class CalibrationFaults(CalibrationRig):
         def ask_for_rest():  # the stream of the run's targets does not undo it
             self.assertTrue(self.call("/pressure_command/rest", Trigger).success)
 
+        unread = "was not read|ROS time does not advance"  # without the rig, whichever is noticed first
         for act, state, words, ramps in ((self.client.cancel_goal, GoalStatus.PREEMPTED, "cancelled", True),
                                          (ask_for_rest, GoalStatus.ABORTED, "brought the arm to rest", True),
-                                         (lambda: self.rig.signal(signal.SIGINT), GoalStatus.ABORTED, "was not read", False)):
+                                         (lambda: self.rig.signal(signal.SIGINT), GoalStatus.ABORTED, unread, False)):
             first = self.start_run()
             act()
-            self.assert_ends(state, words)
+            self.assertRegex(self.assert_ends(state).message, words)
             self.assert_rest(first if ramps else None)
 
     def test_a_second_goal_replaces_the_first_after_rest(self):

@@ -1,6 +1,5 @@
 #!/usr/bin/env python3
-"""A whole calibration: a rig that is not what its scene says, pressures, pictures, samples, the fit, the file, and the nodes that
-go on with it. Time runs at five times its pace."""
+"""A whole calibration of a rig that is not what its scene says, and the nodes that go on with it. Time is three times as fast."""
 import csv
 import os
 import sys
@@ -14,7 +13,7 @@ from actionlib_msgs.msg import GoalStatus
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", "support"))
 from calibration_rig import CalibrationRig  # noqa: E402
 from helix_arm.msg import ModelError, TargetStatus  # noqa: E402
-from helix_arm.srv import Calibrate, FitContraction, Reload, Save  # noqa: E402
+from helix_arm.srv import Calibrate, FitContraction, Reload  # noqa: E402
 from processes import SOURCE  # noqa: E402
 
 
@@ -41,11 +40,6 @@ class Runs(CalibrationRig):
         self.assertEqual(set(told), set(range(told[0], steps + 1)))
         self.assertEqual(last.state, "fitting")
         return result, read(out)
-
-    def save(self, name):
-        saved = self.call("save", Save, path=self.path(name))
-        self.assertTrue(saved.success, saved.message)
-        return saved.message
 
     def assert_files_tell_the_same(self, result, fit, names, tolerance):
         response = self.call("calibrate", Calibrate, fit=fit, data=[self.path(name) for name in names])

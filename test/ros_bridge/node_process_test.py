@@ -59,10 +59,10 @@ class Case(unittest.TestCase):
         self.addCleanup(process.__exit__)
         return process
 
-    def assert_prints(self, process, text, deadline=30):
+    def assert_prints(self, process, text, deadline=90):
         self.assertTrue(process.prints(text, deadline), text + " in:\n" + process.output())
 
-    def assert_ends(self, process, code, *words, deadline=30):
+    def assert_ends(self, process, code, *words, deadline=90):
         """With this code, having said so."""
         self.assertEqual(process.code(deadline), code, process.output())
         for word in words:

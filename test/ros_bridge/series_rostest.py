@@ -51,7 +51,9 @@ class Series(RosCase):
         self.assert_wait(lambda: answers.answer_to(publisher, target, 0.2).outcome == TargetStatus.REACHED)
         self.run_node("", command=["rosservice", "call", "/yield/pressure_command/rest"])
         self.assert_wait(lambda: answers.answer_to(publisher, target, 0.2).fault == "rested")
-        refused = [answers.next(lambda answer: answer.commander == "/yield/pressure_series") for _ in range(100)]
+        # From its first target after the rest.
+        refused = [answers.next(lambda answer: answer.commander == "/yield/pressure_series" and (k or answer.fault == "rested"))
+                   for k in range(100)]
         self.assertEqual({answer.fault for answer in refused}, {"rested"})
         self.assertEqual(safety[-1].state, SafetyState.DISABLED, safety[-1])
         self.assertTrue(rospy.ServiceProxy("/yield/pressure_command/enable", Trigger)().success)

@@ -1,4 +1,4 @@
-"""The simulated rig, whose time runs fast, and the calibration node; pressure_command and vision are of the launch file."""
+"""The simulated rig, whose time runs fast, and the nodes of a calibration. Limits of time are wide: threefold, they are short."""
 import os
 import sys
 import tempfile
@@ -9,8 +9,8 @@ import numpy as np
 import rospy
 
 sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
-from helix_arm.msg import (PressureArray, RunCalibrationAction, RunCalibrationGoal, SafetyState, TagDetections,  # noqa: E402
-                           TargetStatus)
+from helix_arm.msg import PressureArray, RunCalibrationAction, RunCalibrationGoal, SafetyState, TagDetections  # noqa: E402
+from helix_arm.srv import Save  # noqa: E402
 from processes import SOURCE  # noqa: E402
 from ros_case import CommanderCase  # noqa: E402
 
@@ -20,27 +20,29 @@ LONGEST_STEP = 0.1  # of procedures::CalibrationRun [s]
 
 class CalibrationRig(CommanderCase):
     RIG = {}  # what of `simulation` is not as in the demo
-    PERIOD = 0.04  # 0.2 s of the rig
+    PERIOD = 0.07  # 0.2 s of the rig
 
     def setUp(self):
         super().setUp()
         self.safety, self.targets, detections = (self.inbox(topic, kind) for topic, kind in (
             ("safety_state", SafetyState), ("pressure_target", PressureArray), ("tag_detections", TagDetections)))
-        scene = self.scene_with(SOURCE + "/config/scenes/demo.yaml",
-                                {"simulation." + key: value for key, value in self.RIG.items()})
-        self.rig = self.run_node("simulated_rig", "_scene:=" + scene, "_time_factor:=5", "_camera_rate:=8", "_rate:=200")
-        below = tempfile.gettempdir()
-        self.calibration = self.run_node(
-            "calibration", "_scene:=demo", "_max_age_s:=5", "_pressure_tolerance_kpa:=6", "_ramp_kpa_s:=200",
-            *["_%s_folder:=%s" % (kind, below) for kind in ("scene", "data", "out")])
+        demo = SOURCE + "/config/scenes/demo.yaml"
+        folders = ["_%s_folder:=%s" % (kind, tempfile.gettempdir()) for kind in ("scene", "data", "out")]
+        true = self.scene_with(demo, {"simulation." + key: value for key, value in self.RIG.items()})
+        scene = "_scene:=" + self.scene_with(demo, {"safety.target_timeout_s": 3, "safety.reading_timeout_s": 2})
+        self.rig = self.run_node("simulated_rig", "_scene:=" + true, "_time_factor:=3", "_camera_rate:=8", "_command_timeout_s:=5")
+        self.commander = self.run_node("pressure_command", scene, folders[0], "_regulator:=topic", "_auto_enable:=true", "_rate:=50")
+        self.run_node("vision", scene, folders[0], "_source:=image", "_stale_after_s:=30")
+        self.calibration = self.run_node("calibration", scene, *folders, "_max_age_s:=20", "_pressure_tolerance_kpa:=6",
+                                         "_ramp_kpa_s:=200")
         self.assert_wait(lambda: not rospy.Time.now().is_zero() and self.safety and self.command and self.measured and detections)
-        self.assert_wait(lambda: self.send_pressures([0, 0, 0], deadline=1).outcome == TargetStatus.REACHED)
+        self.assert_wait(lambda: self.send_pressures([0, 0, 0], deadline=1) and self.held)
         self.free_the_arm()
         self.client = actionlib.SimpleActionClient("calibration/run_calibration", RunCalibrationAction)
         self.assert_wait(lambda: self.client.action_client.wait_for_server(rospy.Duration(1)))
 
     def why(self):
-        return self.safety[-1:], self.calibration.output()[-3000:]
+        return self.safety[-1:], self.commander.output()[-3000:], self.calibration.output()[-3000:]
 
     def free_the_arm(self):
         """Sends no target until the arm has vented, unless it rests, and is free: the next target, from any sender, enables it again."""
@@ -53,6 +55,11 @@ class CalibrationRig(CommanderCase):
         path = name if "/" in name else "calibration/" + name
         rospy.wait_for_service(path, 20)
         return rospy.ServiceProxy(path, service)(**fields)
+
+    def save(self, name):
+        saved = self.call("save", Save, path=self.path(name))
+        self.assertTrue(saved.success, saved.message)
+        return saved.message
 
     def record_when_settled(self, service):
         """Asks to record until it is done, or refused for another reason than motion."""

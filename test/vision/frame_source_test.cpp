@@ -24,8 +24,6 @@ void write(const TemporaryFolder& folder, const std::string& name, const Bytes& 
       .write(reinterpret_cast<const char*>(bytes.data()), static_cast<long>(bytes.size()));
 }
 
-// ---- Files --------------------------------------------------------------------------------------
-
 TEST(PictureFiles, AFolderGivesItsPicturesInTheOrderOfTheirNames) {
   const TemporaryFolder folder;
   const cv::Mat picture = grayPicture(64, 48);
@@ -229,8 +227,6 @@ TEST(VideoFile, ABrokenVideoIsAFaultAndThenTheEnd) {
     EXPECT_EQ(source->next(frame), FrameStatus::kEnd);
   }
 }
-
-// ---- Cameras ------------------------------------------------------------------------------------
 
 // A camera as the test has it: in its socket or not, its pictures sound or not.
 struct Socket {

@@ -193,8 +193,8 @@ class ChannelWatch {
   double stands_at_ = 0;  // the set point without its small fluctuations
   double reference_ = 0;  // reading expected of a healthy channel
   double reference_at_ = -std::numeric_limits<double>::infinity();  // time of reference_
-  bool arrived_ = false;  // has reached the set point since it last changed
-  SpikeFilter over_limit_, leak_;
+  bool arrived_ = false;  // has stayed at the set point since it last changed
+  SpikeFilter over_limit_, arrival_, leak_;
   Persistence not_following_, standing_, gone_;
   bool was_empty_ = false;
 };

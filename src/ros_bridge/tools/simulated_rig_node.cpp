@@ -172,7 +172,7 @@ class SimulatedRigNode : public Node {
     double dt = (now - last_step_).toSec();
     last_step_ = now;
     if (options_.time_factor > 0) {
-      dt *= options_.time_factor;
+      dt = options_.time_factor * std::min(dt, 2 / options_.rate);  // slower, but without a jump
       clock_ += ros::Duration(dt);
       publishClock();
     }
