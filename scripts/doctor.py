@@ -25,7 +25,7 @@ from urllib.parse import urlparse
 from xml.parsers.expat import ExpatError
 
 TESTED = ("bookworm", "trixie")  # releases of Debian
-MODULES = {"numpy": "python3-numpy", "matplotlib": "python3-matplotlib", "rospy": "python3-rospy"}
+MODULES = {name: "python3-" + name for name in ("numpy", "scipy", "matplotlib", "yaml", "rospy")}
 PROGRAMS = {"roslaunch": "python3-roslaunch", "rosmaster": "python3-rosmaster", "rostopic": "python3-rostopic", "rviz": "rviz"}
 DEVICES = (("ports", ("ttyUSB*", "ttyACM*"), "dialout"), ("cameras", ("video*",), "video"))  # name, files in /dev, group
 LIMITS = (("real_time_priority", resource.RLIMIT_RTPRIO, 40, "rtprio 40"),  # ~realtime_priority of pressure_command
@@ -131,7 +131,7 @@ class Doctor:
             limit = resource.getrlimit(kind)[0]
             unlimited = limit == resource.RLIM_INFINITY or os.geteuid() == 0
             self.say(name, not unlimited and limit < least, "unlimited" if unlimited else "limit %d" % limit,
-                     "put `@realtime - %s` in /etc/security/limits.conf, add the user to the group realtime and log in again" % word,
+                     "put `@realtime - %s` in /etc/security/limits.conf, then sudo groupadd -f realtime; sudo usermod -aG realtime $USER, and log in again" % word,
                      "warning")
 
     def ros_network(self):

@@ -89,8 +89,6 @@ TEST(Requirement, HasTheMessageAndNoSignOfANan) {
   EXPECT_EQ(message(-std::nan("")), "Arm: length is nan; expected a number");
 }
 
-// ---- Regular files ------------------------------------------------------------------------------
-
 namespace fs = std::filesystem;
 using test::TemporaryFolder;
 

@@ -136,7 +136,8 @@ TEST(SafetyRules, APressureThatHasNotStayedYetDoesNotLeak) {
     ASSERT_EQ(bench.core.orders().set_point[1], 1.3e5);
     reads(near, stays);
     reads(9.9e4, kSpikeTurns + 1);
-    EXPECT_EQ(bench.cause(), stays == kStay + 1 ? Cause::kLeak : Cause::kNone) << near << ", " << stays;
+    EXPECT_EQ(bench.cause(), stays == kStay + 1 ? Cause::kLeak : Cause::kNone)
+        << near << ", " << stays;
   }
 }
 

@@ -253,8 +253,6 @@ TEST(TipPath, IsAskedWithoutAllocationsInAnyOrder) {
   EXPECT_EQ(forward, backward);
 }
 
-// ---- Refusals -----------------------------------------------------------------------------------
-
 std::string refusalOf(const std::vector<TipWayPoint>& points) {
   return test::refusal([&points] { const TipPath path(points); });
 }

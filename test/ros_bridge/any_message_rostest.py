@@ -173,7 +173,7 @@ class Heard:
         if message._connection_header["callerid"] != rospy.get_name():
             self.last, self.count = message._buff, self.count + 1
 
-    def more(self, condition=lambda data: True, deadline=20):
+    def more(self, condition=lambda data: True, deadline=60):
         """Waits for one more, for which the condition holds."""
         seen = self.count
         return wait_for(lambda: self.count > seen and condition(self.last), deadline)
@@ -300,7 +300,7 @@ class AnyMessage(unittest.TestCase):
 
     def setUp(self):
         for service in ("pressure_command/enable", "calibration/clear_samples", "workspace_cloud/reload", "visual_servo/reset"):
-            rospy.wait_for_service(service, 20)
+            rospy.wait_for_service(service, 60)
         self.check_work("the start")
 
     def subscriptions(self):

@@ -4,16 +4,18 @@ import os
 import signal
 import sys
 
+import numpy as np
 import rospy
 import rostest
 from actionlib_msgs.msg import GoalStatus
+from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", "support"))
 from calibration_rig import CalibrationRig  # noqa: E402
 from helix_arm.msg import RunCalibrationActionResult, SafetyState, TargetStatus  # noqa: E402
 from helix_arm.srv import Calibrate, ClearSamples, FitContraction, RecordSample, Save  # noqa: E402
-from processes import SOURCE  # noqa: E402
+from processes import SOURCE, wait_for  # noqa: E402
 
 PLAN = [3e5, 0, 0, 0, 3e5, 0, 3e5, 3e5, 0, 0, 0, 3e5]  # whose pressures are high
 
@@ -94,6 +96,13 @@ class CalibrationFaults(CalibrationRig):
 
     def test_a_sample_of_stale_measurements_is_refused(self):
         self.record_when_settled(RecordSample)
+        clock = self.inbox("/clock", Clock)
+        for number in (signal.SIGSTOP, signal.SIGCONT):  # its time goes on where it stopped
+            self.rig.signal(number)
+            wait_for(lambda: False, 0.5)
+        steps = np.diff([message.clock.to_sec() for message in clock])
+        self.assertGreater(steps.size, 10)
+        self.assertLess(steps.max(), 0.1)
         self.rig.signal(signal.SIGINT)
         self.assertEqual(self.rig.code(), 0)
         self.assert_wait(lambda: "none received for" in self.call("record_sample", RecordSample).message)

@@ -39,7 +39,7 @@ class Experiments(RosCase):
         self.assertTrue(self.client.wait_for_server(rospy.Duration(30)), self.node.output())
         first = len(self.measured)
         self.assert_wait(lambda: len(self.measured) > first)
-        rospy.wait_for_service("pressure_command/enable", 20)
+        rospy.wait_for_service("pressure_command/enable", 60)
         self.enable()
 
     def why(self):

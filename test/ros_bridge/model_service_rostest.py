@@ -21,7 +21,7 @@ DEMO = Scene.load("demo")
 def call(service, **request):
     """Of flat arrays."""
     name = "pressure_command/" + service.__name__.lower()
-    rospy.wait_for_service(name, 20)
+    rospy.wait_for_service(name, 60)
     return rospy.ServiceProxy(name, service)(**{key: value if isinstance(value, str) else list(np.ravel(value))
                                                 for key, value in request.items()})
 

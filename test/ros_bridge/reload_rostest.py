@@ -23,7 +23,7 @@ NODES = ("pressure_command", "vision", "monitor")
 
 
 def reload(name, scene):
-    rospy.wait_for_service(name + "/reload", 20)
+    rospy.wait_for_service(name + "/reload", 60)
     return rospy.ServiceProxy(name + "/reload", Reload)(scene)
 
 

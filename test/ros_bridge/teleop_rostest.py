@@ -42,7 +42,7 @@ class Teleop(RosCase):
     def move(self, *axes, pressed=True):
         self.joy.publish(Joy(axes=axes, buttons=3 * [0] if not pressed else 3 * [1]))
 
-    def drive(self, condition, *axes, deadline=20):
+    def drive(self, condition, *axes, deadline=60):
         """Until the condition holds, with messages at 20 Hz."""
         self.assertTrue(wait_for(lambda: self.move(*axes) or wait_for(condition, 0.05), deadline), self.why())
 
@@ -62,7 +62,7 @@ class Teleop(RosCase):
         self.drive(lambda: np.linalg.norm(place(self.targets[-1]) - place(first)) > 0.01, 1, 0, 0)  # -y
         self.assertLess(place(self.targets[-1])[1] - place(first)[1], -0.005)
         # Far beyond the reach it stays with what the arm can do, and never moves faster.
-        self.drive(lambda: len(self.targets) > 300, 1, 0, 0, deadline=30)
+        self.drive(lambda: len(self.targets) > 300, 1, 0, 0, deadline=60)
         scene, last = Scene.load("demo"), place(self.targets[-1])
         self.assertLess(scene.inverse(last).position_error_m, 1e-3)
         self.assertGreater(scene.inverse(last - [0, 0.005, 0]).position_error_m, 1e-3, "it is at the edge")

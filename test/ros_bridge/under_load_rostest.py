@@ -19,7 +19,7 @@ LOADED = SOURCE + "/config/scenes/loaded.yaml"
 
 
 def reload(scene):
-    rospy.wait_for_service("pressure_command/reload", 20)
+    rospy.wait_for_service("pressure_command/reload", 60)
     return rospy.ServiceProxy("pressure_command/reload", Reload)(scene).success
 
 

@@ -53,7 +53,7 @@ class CalibrationRig(CommanderCase):
     def call(self, name, service, **fields):
         """A service of the calibration node, or of another one."""
         path = name if "/" in name else "calibration/" + name
-        rospy.wait_for_service(path, 20)
+        rospy.wait_for_service(path, 60)
         return rospy.ServiceProxy(path, service)(**fields)
 
     def save(self, name):

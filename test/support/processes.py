@@ -15,7 +15,7 @@ def node(name):
     return roslib.packages.find_node("helix_arm", name)[0]
 
 
-def wait_for(condition, deadline=20):
+def wait_for(condition, deadline=60):
     end = time.monotonic() + deadline
     while not condition():
         if time.monotonic() > end:
@@ -54,11 +54,11 @@ class Process:
         self.log.seek(0)
         return self.log.read().decode(errors="replace")
 
-    def prints(self, text, deadline=30):
+    def prints(self, text, deadline=60):
         """Whether the output comes to hold the text."""
         return wait_for(lambda: text in self.output() or self.child.poll() is not None, deadline) and text in self.output()
 
-    def code(self, deadline=30):
+    def code(self, deadline=60):
         """Exit code; None where it still runs at the deadline [s]."""
         try:
             return self.child.wait(deadline)

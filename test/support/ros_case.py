@@ -22,13 +22,13 @@ class Inbox(list):
         super().__init__()
         self.subscriber = rospy.Subscriber(topic, kind, self.append)
 
-    def next(self, condition=lambda message: True, deadline=20):
+    def next(self, condition=lambda message: True, deadline=60):
         """Waits for one that came after this call, and for which the condition holds; None when none did."""
         first = len(self)
         wait_for(lambda: any(map(condition, self[first:])), deadline)
         return next(filter(condition, self[first:]), None)
 
-    def answer_to(self, publisher, target, deadline=20, age=0):
+    def answer_to(self, publisher, target, deadline=60, age=0):
         """Of target_status: publishes a target and waits for the answer; one without outcome (255) when none came."""
         first, stamp = len(self), rospy.Time.now() - rospy.Duration(age)
         target.header.stamp = stamp
@@ -120,10 +120,10 @@ class CommanderCase(RosCase):
             rospy.ServiceProxy(self.NS + "pressure_command/enable", Trigger)()  # refused where it is not vented yet
             return False
 
-        rospy.wait_for_service(self.NS + "pressure_command/enable", 20)
+        rospy.wait_for_service(self.NS + "pressure_command/enable", 60)
         self.assert_wait(lambda: self.measured and is_taken())
 
-    def send_pressures(self, pressure, names=(), deadline=20):
+    def send_pressures(self, pressure, names=(), deadline=60):
         """The answer."""
         self.held = None
         target = PressureArray(name=names, pressure=pressure)

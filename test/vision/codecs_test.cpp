@@ -222,8 +222,6 @@ TEST(Jpeg, TablesOfTheLastPictureAreNotUsed) {
   EXPECT_TRUE(decoder.decode(no_quantisation.data(), no_quantisation.size(), gray));
 }
 
-// ---- PNG ----------------------------------------------------------------------------------------
-
 // A PNG by libpng itself, interlaced: of gray, or of as many colours of a palette; on request with
 // the chunks that say that its colours are sRGB.
 Bytes interlaced(const cv::Mat& pixels, int colours, bool says_srgb = false) {

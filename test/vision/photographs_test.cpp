@@ -336,8 +336,6 @@ INSTANTIATE_TEST_SUITE_P(Rooms, AlteredPhotograph,
                            return std::string(photograph.param.name, 8);
                          });
 
-// ---- Photographs as they are --------------------------------------------------------------------
-
 std::vector<TagDetection> detect(const cv::Mat& picture, double decimate, bool refine) {
   DetectorConfig config;
   config.quad_decimate = decimate;
