@@ -132,8 +132,6 @@ INSTANTIATE_TEST_SUITE_P(, DeviceFaults, ::testing::ValuesIn(rows()), [](const a
   return nameOf(row.param.line) + "_" + simulation::nameOf(row.param.fault);
 });
 
-// ---- Air ----------------------------------------------------------------------------------------
-
 class AirFaults : public FaultMatrix, public ::testing::WithParamInterface<Line> {
  protected:
   AirFaults() : FaultMatrix(GetParam(), Extra::kSupplySensor) {}
