@@ -67,8 +67,6 @@ class FaultMatrix : public ::testing::Test {
   static inline std::map<Line, std::unique_ptr<Pair>> pairs_;
 };
 
-// ---- Devices ------------------------------------------------------------------------------------
-
 struct Row {
   Line line;
   DeviceFault fault;
