@@ -131,8 +131,8 @@ class Doctor:
             limit = resource.getrlimit(kind)[0]
             unlimited = limit == resource.RLIM_INFINITY or os.geteuid() == 0
             self.say(name, not unlimited and limit < least, "unlimited" if unlimited else "limit %d" % limit,
-                     "put `@realtime - %s` in /etc/security/limits.conf, then sudo groupadd -f realtime; sudo usermod -aG realtime $USER, and log in again" % word,
-                     "warning")
+                     "put `@realtime - %s` in /etc/security/limits.conf, then sudo groupadd -f realtime; sudo usermod -aG realtime $USER, "
+                     "and log in again" % word, "warning")
 
     def ros_network(self):
         """This machine's name, the master, the nodes that it knows, and its clock."""

@@ -97,6 +97,7 @@ class CalibrationFaults(CalibrationRig):
     def test_a_sample_of_stale_measurements_is_refused(self):
         self.record_when_settled(RecordSample)
         clock = self.inbox("/clock", Clock)
+        self.assert_wait(lambda: clock)
         for number in (signal.SIGSTOP, signal.SIGCONT):  # its time goes on where it stopped
             self.rig.signal(number)
             wait_for(lambda: False, 0.5)
