@@ -137,7 +137,8 @@ def expect_ros(reader, command):
     error = re.search(r"tip error ([\d.]+) mm before, ([\d.]+) mm after; calibrated my_arm: K_kappa", message)
     expect(error, "the result of the calibration is " + message)
     expect(float(error.group(2)) < 0.5 * float(error.group(1)), "the tip error stays: " + message)
-    expect("target" in reader.told("/safety_state/reason"), "the arm does not say why it vented")
+    reason = reader.told("/safety_state/reason")
+    expect("target" in reason, "the arm says that it vented for " + reason)
     expect(reader.told("/reload").count("True") == 4, "reload: " + reader.told("/reload"))
     expect("closed" in reader.told("/loop_status/state"), "the loop is " + reader.told("/loop_status/state"))
     steady = []

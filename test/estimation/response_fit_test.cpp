@@ -225,8 +225,6 @@ TEST(ResponseFit, TheTipOfATwoSectionArmLagsAndHasNoPlay) {
   EXPECT_EQ(fit.response.play_count, 0);
 }
 
-// ---- Modes --------------------------------------------------------------------------------------
-
 constexpr double kStroke = 0.04;  // [m]
 
 struct Release {

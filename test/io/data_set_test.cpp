@@ -168,8 +168,6 @@ TEST(PressuresOf, RefusesColumnsThatFitNoActuator) {
             "pressure_2_kpa");
 }
 
-// ---- Numbers as text ----------------------------------------------------------------------------
-
 TEST(Number, ReadsDecimals) {
   EXPECT_EQ(parseNumber("413.6856"), 413.6856);
   EXPECT_EQ(parseNumber("-1.5e-3"), -0.0015);

@@ -172,8 +172,6 @@ TEST(HostileFiles, NoMessageContainsACellOfADataSet) {
   }
 }
 
-// ---- Memory ------------------------------------------------------------------------------------
-
 constexpr double kMostMegabytes = 500;
 constexpr std::size_t kMostLetters = 200'000;
 

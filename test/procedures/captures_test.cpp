@@ -269,8 +269,6 @@ TEST(TipError, LeavesOutWhatShowsNoTagsAndIsEmptyWithoutTags) {
   EXPECT_FALSE(medianTipError(blind, seen({}).captures));
 }
 
-// ---- Series of the tip --------------------------------------------------------------------------
-
 constexpr double kReading = 0.01;  // period [s]
 constexpr double kPicture = 0.05;
 constexpr double kLate = 0.06;  // of a tip
