@@ -11,9 +11,9 @@ constexpr double kMends = 0.5;  // rate at which a correct reading undoes the ti
 // counts, and the most that is remembered once the reading is right again.
 constexpr double kBetween = 0.25, kRemembered = 2;
 constexpr double kTremble = 0.2;  // of leak_drop: a set point that moves less counts as constant
-// Time constants for which a reading has to stay within half of leak_drop to have arrived. A device
-// that learns late of a higher set point falls past it to its last one, leak_drop or more below, in
-// at most ln 3 time constants.
+// Time constants for which a reading has to stay within half of leak_drop to have arrived: more
+// than one takes that falls through this band to an older set point leak_drop or more below (ln
+// 3; 1.34 if the set point trembles). A device that is later than this may still look like a leak.
 constexpr double kArrival = 1.5;
 
 }  // namespace

@@ -1,4 +1,4 @@
-"""The simulated rig, whose time runs fast, and the nodes of a calibration. Limits of time are wide: threefold, they are short."""
+"""The simulated rig, whose time runs fast, and the nodes of a calibration. Time limits are wide, since they pass three times as fast."""
 import os
 import sys
 import tempfile

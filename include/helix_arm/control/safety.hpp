@@ -107,7 +107,7 @@ struct SafetyRules {
   double time_constant = 0.2;  ///< of a healthy channel, > 0 [s]
   /// The same where its pressure falls, > 0 [s]; absent: as where it rises.
   std::optional<double> fall_time_constant = std::nullopt;
-  /// Maximum drop of a reading below a constant set point that it had reached, > 0 [Pa].
+  /// Maximum drop of a reading below a constant set point held for 1.5 time constants, > 0 [Pa].
   double leak_drop = 2.5e4;
   double hold_time = 10.0;  ///< duration of FaultAction::kHold and kClose, >= 0 [s]
   /// Readings within this of the atmosphere count as no pressure, > 0 [Pa]
