@@ -85,6 +85,8 @@ missing_packages() {
   done
 }
 
+apt=(env DEBIAN_FRONTEND=noninteractive apt-get -y -o DPkg::Lock::Timeout=600 -o Dpkg::Options::=--force-unsafe-io)
+
 install_missing() {
   local -a missing
   mapfile -t missing < <(missing_packages)
@@ -92,8 +94,6 @@ install_missing() {
   command -v apt-get >/dev/null || fail "apt-get is not available; install these packages: ${missing[*]}"
   may_be_root || fail "needs root or sudo to install packages; run as root: apt-get install ${missing[*]}"
   say "installing ${#missing[@]} packages: ${missing[*]}"
-  local -a apt=(env DEBIAN_FRONTEND=noninteractive apt-get -y
-    -o DPkg::Lock::Timeout=600 -o Dpkg::Options::=--force-unsafe-io)
   # The existing package lists may suffice if they cannot be updated: the install decides.
   as_root "${apt[@]}" update >&2 || say "apt-get update failed; continuing with the existing package lists"
   as_root "${apt[@]}" install --no-install-recommends "${missing[@]}" >&2 ||

@@ -114,13 +114,12 @@ class CalibrationFaults(CalibrationRig):
         def ask_for_rest():  # the stream of the run's targets does not undo it
             self.assertTrue(self.call("/pressure_command/rest", Trigger).success)
 
-        unread = "was not read|ROS time does not advance"  # without the rig, whichever is noticed first
         for act, state, words, ramps in ((self.client.cancel_goal, GoalStatus.PREEMPTED, "cancelled", True),
                                          (ask_for_rest, GoalStatus.ABORTED, "brought the arm to rest", True),
-                                         (lambda: self.rig.signal(signal.SIGINT), GoalStatus.ABORTED, unread, False)):
+                                         (lambda: self.rig.signal(signal.SIGINT), GoalStatus.ABORTED, "was not read", False)):
             first = self.start_run()
             act()
-            self.assertRegex(self.assert_ends(state).message, words)
+            self.assert_ends(state, words)
             self.assert_rest(first if ramps else None)
 
     def test_a_second_goal_replaces_the_first_after_rest(self):
