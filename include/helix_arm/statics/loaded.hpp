@@ -107,18 +107,14 @@ class LoadedArmOf {
     std::vector<int> points;  // indices of the point loads at its end
     bool linked = false;      // whether a link follows
   };
-  template <int kNodes>
   class Relaxation;
-  template <int kNodes>
   class UnloadedElements;
 
   // Runs a relaxation, starting from the solution `near` of a similar problem if there is one.
-  template <class Solver>
-  Solver solved(const Unloaded& unloaded, const Solver* near = nullptr) const;
+  Relaxation solved(const Unloaded& unloaded, const Relaxation* near = nullptr) const;
   // Rejects a relaxation whose tip differs from that of a finer one; of one that steps the load, if
   // there may be several branches.
-  template <class Solver>
-  void check(const Unloaded& unloaded, Solver& solver, bool branches) const;
+  void check(const Unloaded& unloaded, Relaxation& solver, bool branches) const;
 
   int order_;
   Load load_;

@@ -551,7 +551,7 @@ class ExactArm::Statics {
     std::vector<double> out;
     for (const Panel& panel : parts) {
       const int k = rod_.segments()[panel.segment].section;
-      for (const double t : GaussRule<kPanelNodes>::get().nodes()) {
+      for (const double t : GaussRule::of(kPanelNodes).nodes()) {
         out.push_back(k + panel.begin + t * (panel.end - panel.begin));
       }
       out.push_back(k + panel.end);
@@ -565,7 +565,7 @@ class ExactArm::Statics {
                               const UnloadedChange<lie::SE3>& change) const {
     const int section = rod_.segments()[panel.segment].section;
     const double h = panel.end - panel.begin;
-    const double s = panel.begin + GaussRule<kPanelNodes>::get().nodes()[node] * h;
+    const double s = panel.begin + GaussRule::of(kPanelNodes).nodes()[node] * h;
     const Matrix6 C = rod_.compliance(section, s, unloaded), Ad = h * X.adjoint();
     return {X,
             wrench,
@@ -579,7 +579,7 @@ class ExactArm::Statics {
   // All of an element but its nodes. @param X  its end.
   void finish(const Panel& panel, const lie::SE3& X, const UnloadedChange<lie::SE3>& change,
               LinearElement<lie::SE3>& element) const {
-    const auto& rule = GaussRule<kPanelNodes>::get();
+    const auto& rule = GaussRule::of(kPanelNodes);
     const Segment& segment = rod_.segments()[panel.segment];
     element.before = rule.before();
     element.after = rule.after();

@@ -19,15 +19,6 @@ namespace helix_arm::statics {
 
 inline constexpr double kDifferenceStep = 1e-4;  // relative to the arm's size and one radian
 
-/// Calls f with the number of nodes for an order as a compile-time constant.
-template <int kOrder = kLeastOrder, class F>
-auto withNodes(int order, const F& f) {
-  if constexpr (kOrder < kMostOrder) {
-    if (order != kOrder) return withNodes<kOrder + 1>(order, f);
-  }
-  return f(std::integral_constant<int, kOrder + 1>());
-}
-
 template <class Group>
 TipResponseOf<Group> withoutResponse(const TipOf<Group>& tip, Eigen::Index columns) {
   using Motion = Eigen::Matrix<double, Group::kDof, Eigen::Dynamic>;
@@ -96,14 +87,14 @@ LoadedArmOf<Group>::LoadedArmOf(const model::ArmOf<Group>& arm, const Load& load
 }
 
 template <class Group>
-template <class Solver>
-Solver LoadedArmOf<Group>::solved(const Unloaded& unloaded, const Solver* near) const {
+auto LoadedArmOf<Group>::solved(const Unloaded& unloaded, const Relaxation* near) const
+    -> Relaxation {
   basics::require(!tapered_ || unloaded.lengths.size() == first_.back(),
                   "loaded tier: the arm is tapered; expected ArmOf::unloaded(), not twists alone");
   basics::require(!has_tables_ || unloaded.compliance.size() > 0,
                   "loaded tier: the stiffness depends on pressure; expected unloadedUnder(), not "
                   "twists alone");
-  Solver solver(*this, unloaded);
+  Relaxation solver(*this, unloaded, order_ + 1);
   if (near != nullptr && order_ != kLeastOrder) solver.startFrom(*near);
   solver.run(order_ == kLeastOrder);
   // A solution close to a checked one needs no check of its own.
@@ -117,14 +108,13 @@ Solver LoadedArmOf<Group>::solved(const Unloaded& unloaded, const Solver* near) 
 }
 
 template <class Group>
-template <class Solver>
-[[gnu::noinline]] void LoadedArmOf<Group>::check(const Unloaded& unloaded, Solver& solver,
+[[gnu::noinline]] void LoadedArmOf<Group>::check(const Unloaded& unloaded, Relaxation& solver,
                                                  bool branches) const {
-  Relaxation<kFineNodes> finer(*this, unloaded);
+  Relaxation finer(*this, unloaded, kFineNodes);
   if (branches) {
     finer.stepLoad();
   } else {
-    finer.startAt([&solver](int e, double t) { return solver.rateAt(e, t); });
+    finer.startFrom(solver);
     finer.run(false);
   }
   solver.compareWith(finer.result(), statedTipError(order_));
@@ -132,86 +122,72 @@ template <class Solver>
 
 template <class Group>
 TipOf<Group> LoadedArmOf<Group>::tip(const Unloaded& unloaded) const {
-  return withNodes(order_,
-                   [&](auto nodes) { return solved<Relaxation<nodes()>>(unloaded).result(); });
+  return solved(unloaded).result();
 }
 
 template <class Group>
 Solution LoadedArmOf<Group>::solve(const Unloaded& unloaded) const {
-  return withNodes(order_, [&](auto nodes) {
-    return solved<Relaxation<nodes()>>(unloaded).solution(static_cast<int>(unloaded.twists.cols()));
-  });
+  return solved(unloaded).solution(static_cast<int>(unloaded.twists.cols()));
 }
 
 template <class Group>
 std::vector<model::CurvePoint<lie::SE3>> LoadedArmOf<Group>::curve(const Unloaded& unloaded,
                                                                    int count) const {
   model::requireCurve(count);
-  return withNodes(order_, [&](auto nodes) {
-    return solved<Relaxation<nodes()>>(unloaded).curve(static_cast<int>(unloaded.twists.cols()),
-                                                       count);
-  });
+  return solved(unloaded).curve(static_cast<int>(unloaded.twists.cols()), count);
 }
 
 template <class Group>
 ShapeResponse LoadedArmOf<Group>::differentiate(const Unloaded& unloaded,
                                                 const UnloadedChange<Group>& change,
                                                 bool by_load) const {
-  return withNodes(order_, [&](auto nodes) {
-    const int sections = static_cast<int>(unloaded.twists.cols());
-    auto relaxation = solved<Relaxation<nodes()>>(unloaded);
-    if (!relaxation.result().converged()) {
-      return withoutDerivative(relaxation.solution(sections), change.count() + (by_load ? 6 : 0));
-    }
-    // Without load it rests at once.
-    if (!load_.empty()) relaxation.polish();
-    const auto response = relaxation.respond(change, by_load);
-    const Solution solution = relaxation.solution(sections);
-    return ShapeResponse{
-        solution,
-        shapeDerivative(solution.shape, relaxation.pieceMotions(sections, change, response))};
-  });
+  const int sections = static_cast<int>(unloaded.twists.cols());
+  auto relaxation = solved(unloaded);
+  if (!relaxation.result().converged()) {
+    return withoutDerivative(relaxation.solution(sections), change.count() + (by_load ? 6 : 0));
+  }
+  // Without load it rests at once.
+  if (!load_.empty()) relaxation.polish();
+  const auto response = relaxation.respond(change, by_load);
+  const Solution solution = relaxation.solution(sections);
+  return ShapeResponse{solution, shapeDerivative(solution.shape, relaxation.pieceMotions(
+                                                                     sections, change, response))};
 }
 
 template <class Group>
 TipResponseOf<Group> LoadedArmOf<Group>::tipBy(const Unloaded& unloaded,
                                                const UnloadedChange<Group>& change) const {
-  return withNodes(order_, [&](auto nodes) {
-    auto relaxation = solved<Relaxation<nodes()>>(unloaded);
-    TipResponseOf<Group> out = withoutResponse(relaxation.result(), change.count());
-    if (!out.converged()) return out;
-    out.by = out.tip.inverse().adjoint() * relaxation.respond(change, false).starts.back();
-    return out;
-  });
+  auto relaxation = solved(unloaded);
+  TipResponseOf<Group> out = withoutResponse(relaxation.result(), change.count());
+  if (!out.converged()) return out;
+  out.by = out.tip.inverse().adjoint() * relaxation.respond(change, false).starts.back();
+  return out;
 }
 
 template <class Group>
 TipResponseOf<Group> LoadedArmOf<Group>::tipByUnloaded(const Twists& unloaded,
                                                        const Eigen::MatrixXd& directions) const {
-  return withNodes(order_, [&](auto nodes) {
-    using Solver = Relaxation<nodes()>;
-    const Solver here = solved<Solver>(unloaded);
-    TipResponseOf<Group> out = withoutResponse(here.result(), directions.cols());
-    for (int d = 0; d < directions.cols() && out.converged(); ++d) {
-      const auto direction = directions.col(d).reshaped(Group::kDof, unloaded.cols());
-      const double size = std::max(direction.template topRows<Group::kSpace>().norm() / size_,
-                                   direction.template bottomRows<Group::kRotations>().norm());
-      if (size == 0) {
-        out.by.col(d).setZero();
-        continue;
-      }
-      const double step = kDifferenceStep / size;
-      const auto tipAt = [&](double move) {
-        return solved<Solver>(Twists(unloaded + move * direction), &here).result();
-      };
-      const TipOf<Group> below = tipAt(-step), above = tipAt(step);
-      if (!below.converged()) out.status = below.status;
-      if (!above.converged()) out.status = above.status;
-      if (!out.converged()) return withoutResponse<Group>(out, directions.cols());
-      out.by.col(d) = (below.tip.inverse() * above.tip).log() / (2.0 * step);
+  const Relaxation here = solved(unloaded);
+  TipResponseOf<Group> out = withoutResponse(here.result(), directions.cols());
+  for (int d = 0; d < directions.cols() && out.converged(); ++d) {
+    const auto direction = directions.col(d).reshaped(Group::kDof, unloaded.cols());
+    const double size = std::max(direction.template topRows<Group::kSpace>().norm() / size_,
+                                 direction.template bottomRows<Group::kRotations>().norm());
+    if (size == 0) {
+      out.by.col(d).setZero();
+      continue;
     }
-    return out;
-  });
+    const double step = kDifferenceStep / size;
+    const auto tipAt = [&](double move) {
+      return solved(Twists(unloaded + move * direction), &here).result();
+    };
+    const TipOf<Group> below = tipAt(-step), above = tipAt(step);
+    if (!below.converged()) out.status = below.status;
+    if (!above.converged()) out.status = above.status;
+    if (!out.converged()) return withoutResponse<Group>(out, directions.cols());
+    out.by.col(d) = (below.tip.inverse() * above.tip).log() / (2.0 * step);
+  }
+  return out;
 }
 
 }  // namespace helix_arm::statics

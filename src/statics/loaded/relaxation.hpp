@@ -1,14 +1,12 @@
 #pragma once
 
-#include <Eigen/Cholesky>
 #include <Eigen/Core>
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
 #include <vector>
 
+#include "fixed_point.hpp"
 #include "gauss_rule.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/model/taper.hpp"
@@ -20,14 +18,10 @@
 
 namespace helix_arm::statics {
 
-/// Maximum number of elements: parts of an arm between section ends and point loads.
-inline constexpr int kMaxElements = model::kMaxSections + kMaxInnerPoints;
-/// Maximum number of unknowns of the loaded tier in a group with kDof dimensions.
-template <int kDof>
-inline constexpr int kMaxRates = kDof*(kMostOrder + 1) * kMaxElements;
-
-/// Number of Gauss points of the reference solution for checks.
-inline constexpr int kFineNodes = 16;
+/// Number of Gauss points of an element: of the lowest order, and of the reference solution for
+/// checks.
+inline constexpr int kLeastNodes = kLeastOrder + 1;
+inline constexpr int kFineNodes = GaussRule::kMostNodes;
 
 // Tolerances of the loaded tier.
 
@@ -41,6 +35,8 @@ inline constexpr double kTrustedStep = 0.02;
 // Rotation of a section from its unloaded shape beyond which its coordinates are ambiguous [rad].
 inline constexpr double kFarthestTurn = 5.5;
 inline constexpr double kFarthestResidual = 1e6;
+// Difference step of the iteration's derivative, relative to the arm's size and one radian.
+inline constexpr double kResponseStep = 1e-6;
 inline constexpr double kNoWork = 1e-9;  // work of a wrench on a null space, relative to the load's
 
 // Part of the order's stated error beyond which a shape is compared with a finer solution.
@@ -65,120 +61,8 @@ inline constexpr double kLeastLoadStep = 1e-3;
 inline constexpr double kOnBranch = 0.5;
 inline constexpr double kNearBranch = 0.05;
 
-// Eigenvalues of a map in a Krylov space (Arnoldi), by finite differences of the map.
-namespace krylov {
-
-inline constexpr int kDimensions = 8;  // dimension of the Krylov space
-inline constexpr double kStep = 1e-6;  // difference step, relative to the arm's size and one radian
-
-using Projection = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor,
-                                 kDimensions + 1, kDimensions + 1>;
-
-/// Real parts of eigenvalues.
-struct Range {
-  double least, largest;
-};
-
-/// Those of the derivative of a map, in the Krylov space of a start vector with components in all
-/// entries; the largest is infinite if they are not finite. Allocates nothing but the eigenvalues.
-///
-/// @tparam kMostSize  maximum of `size`.
-/// @param size  number of entries of a motion.
-/// @param respond  respond(motion, change) sets `change` (size) to the derivative's product with a
-///     unit vector `motion` (size), by a difference of kStep.
-template <int kMostSize, class Respond>
-Range eigenvalues(int size, const Respond& respond) {
-  using Basis = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor, kMostSize,
-                              kDimensions + 1>;
-  int count = std::min(kDimensions, size);
-  Basis basis(size, count + 1);
-  for (int i = 0; i < size; ++i) basis(i, 0) = std::sin(1.0 + 2.0 * i * i);
-  basis.col(0).normalize();
-  Projection H = Projection::Zero(count + 1, count + 1);
-  for (int j = 0; j < count; ++j) {
-    auto next = basis.col(j + 1);
-    respond(basis.col(j), next);
-    for (int i = 0; i <= j; ++i) {
-      H(i, j) = basis.col(i).dot(next);
-      next -= H(i, j) * basis.col(i);
-    }
-    H(j + 1, j) = next.norm();
-    if (!(H(j + 1, j) > kStep)) count = j + 1;
-    next /= H(j + 1, j);
-  }
-  const Projection kept = H.topLeftCorner(count, count);
-  if (!kept.allFinite()) return {0.0, std::numeric_limits<double>::infinity()};
-  const auto real = Eigen::EigenSolver<Projection>(kept, false).eigenvalues().real().eval();
-  return {real.minCoeff(), real.maxCoeff()};
-}
-
-}  // namespace krylov
-
-/// Anderson's acceleration of a fixed-point iteration x = F(x): the next x is the combination of
-/// the last values F(x) whose changes F(x) - x cancel best (least squares).
-///
-/// @tparam kMost  maximum number of entries of x; nothing is allocated.
-template <int kMost>
-class Anderson {
- public:
-  using Values = Eigen::Ref<Eigen::VectorXd>;
-
-  /// @param weight  (n) weight of each entry in the least squares.
-  explicit Anderson(const Eigen::Ref<const Eigen::VectorXd>& weight) : weight_(weight) {
-    for (Memory* memory : {&changes_, &answers_}) memory->resize(weight.size(), kDepth);
-  }
-
-  /// Adds x and F(x), (n) each, and replaces x by the next iterate.
-  /// @return the largest entry of the weighted change F(x) - x, for the old x.
-  [[gnu::noinline]] double advance(Values x, const Eigen::Ref<const Eigen::VectorXd>& answer) {
-    Stack change = weight_.cwiseProduct(answer - x);
-    const double largest = change.template lpNorm<Eigen::Infinity>();
-    const int kept = std::min(calls_, kDepth);
-    x = answer;
-    if (kept > 0) {
-      const int newest = (calls_ - 1) % kDepth;
-      changes_.col(newest) = change - last_change_;
-      answers_.col(newest) = answer - last_answer_;
-      for (int i = 0; i < kept; ++i) {
-        gram_(i, newest) = gram_(newest, i) = changes_.col(i).dot(changes_.col(newest));
-      }
-      using Matrix =
-          Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor, kDepth, kDepth>;
-      using Vector = Eigen::Matrix<double, Eigen::Dynamic, 1, Eigen::ColMajor, kDepth, 1>;
-      Matrix G = gram_.topLeftCorner(kept, kept);
-      // Memories differ widely in size, so each is scaled to unit length.
-      const Vector unit = G.diagonal().cwiseSqrt().cwiseMax(1e-300).cwiseInverse();
-      Vector right(kept);
-      for (int i = 0; i < kept; ++i) right[i] = unit[i] * changes_.col(i).dot(change);
-      for (int i = 0; i < kept; ++i) {
-        for (int j = 0; j < kept; ++j) G(i, j) *= unit[i] * unit[j];
-        G(i, i) += kRidge;
-      }
-      const Vector share = Eigen::LDLT<Matrix>(G).solve(right);
-      for (int i = 0; i < kept; ++i) x -= share[i] * unit[i] * answers_.col(i);
-    }
-    last_answer_ = answer;
-    last_change_ = change;
-    ++calls_;
-    return largest;
-  }
-
- private:
-  static constexpr int kDepth = 5;
-  static constexpr double kRidge = 1e-12;  // relative to memories of unit length; for nearly
-                                           // parallel ones
-  using Stack = Eigen::Matrix<double, Eigen::Dynamic, 1, Eigen::ColMajor, kMost, 1>;
-  using Memory = Eigen::Matrix<double, Eigen::Dynamic, kDepth, Eigen::ColMajor, kMost, kDepth>;
-
-  Stack weight_, last_answer_, last_change_;
-  Memory changes_, answers_;                    // differences of consecutive values
-  Eigen::Matrix<double, kDepth, kDepth> gram_;  // of the changes
-  int calls_ = 0;
-};
-
 /// The elements of an unloaded arm: poses seen from their starts, compliance at the Gauss points.
 template <class Group>
-template <int kNodes>
 class LoadedArmOf<Group>::UnloadedElements {
  public:
   using Tangent = typename Group::Tangent;
@@ -186,24 +70,23 @@ class LoadedArmOf<Group>::UnloadedElements {
   using Motion = typename UnloadedChange<Group>::Motion;
 
   /// Keeps references to the arm and to the unloaded state.
-  UnloadedElements(const LoadedArmOf& arm, const Unloaded& unloaded)
-      : arm_(arm), unloaded_(unloaded) {
-    const GaussRule<kNodes>& rule = GaussRule<kNodes>::get();
+  UnloadedElements(const LoadedArmOf& arm, const Unloaded& unloaded, const GaussRule& rule)
+      : arm_(arm), unloaded_(unloaded), rule_(rule), nodes_(rule.count()) {
     const int count = static_cast<int>(arm.elements_.size());
-    if (arm.tapered_ || arm.has_tables_) compliance_.resize(kNodes * count);
+    if (arm.tapered_ || arm.has_tables_) compliance_.resize(nodes_ * count);
     for (int e = 0; e < count; ++e) {
       const Element& element = arm.elements_[e];
       if (arm.tapers_[element.section]) {
-        addTapered(e, rule);
+        addTapered(e);
         continue;
       }
       twist_[e] = element.length * unloaded.twists.col(element.section);
-      for (int j = 0; j < kNodes; ++j) {
-        const Group X = Group::exp(rule.nodes()[j] * twist_[e]);
-        rotation_[e * kNodes + j] = X.rotation;
-        translation_[e * kNodes + j] = X.translation;
+      for (int j = 0; j < nodes_; ++j) {
+        const Group X = Group::exp(rule_.nodes()[j] * twist_[e]);
+        rotation_[e * nodes_ + j] = X.rotation;
+        translation_[e * nodes_ + j] = X.translation;
         if (compliance_.empty()) continue;
-        compliance_[e * kNodes + j] =
+        compliance_[e * nodes_ + j] =
             arm.has_tables_ ? Matrix(unloaded.compliance.template middleCols<Group::kDof>(
                                   Group::kDof * element.section))
                             : arm.compliance_[element.section];
@@ -220,17 +103,16 @@ class LoadedArmOf<Group>::UnloadedElements {
     if (!isTapered(e)) return Group::exp(t * twist_[e]);
     const Element& element = arm_.elements_[e];
     const int before = nodesBefore(t);
-    return (before > 0 ? atNode(e * kNodes + before - 1) : Group()) *
+    return (before > 0 ? atNode(e * nodes_ + before - 1) : Group()) *
            Group::exp(profileOf(element.section)
                           .step(element.begin + lastNode(before) * element.length,
                                 element.begin + t * element.length));
   }
   /// Motions (dof x m) of nodes and end by the section's parameters, seen from the element's start.
   std::vector<Motion> changes(int e, const UnloadedChange<Group>& change) const {
-    const GaussRule<kNodes>& rule = GaussRule<kNodes>::get();
     std::vector<Motion> out;
-    for (int j = 0; j <= kNodes; ++j) {
-      out.push_back(changeAt(e, j < kNodes ? rule.nodes()[j] : 1.0, j, change, out));
+    for (int j = 0; j <= nodes_; ++j) {
+      out.push_back(changeAt(e, j < nodes_ ? rule_.nodes()[j] : 1.0, j, change, out));
     }
     return out;
   }
@@ -242,7 +124,7 @@ class LoadedArmOf<Group>::UnloadedElements {
 
   /// Twist per wrench, both seen from the node's frame.
   const Matrix& compliance(int e, int j) const {
-    if (!compliance_.empty()) return compliance_[e * kNodes + j];
+    if (!compliance_.empty()) return compliance_[e * nodes_ + j];
     return arm_.compliance_[arm_.elements_[e].section];
   }
 
@@ -257,14 +139,9 @@ class LoadedArmOf<Group>::UnloadedElements {
             unloaded_.lengths.segment(first, arm_.first_[section + 1] - first)};
   }
 
-  static int nodesBefore(double t) {
-    const auto& nodes = GaussRule<kNodes>::get().nodes();
-    return static_cast<int>((nodes.array() <= t).count());
-  }
+  int nodesBefore(double t) const { return static_cast<int>((rule_.nodes().array() <= t).count()); }
   // The last of so many, from the element's start.
-  static double lastNode(int before) {
-    return before > 0 ? GaussRule<kNodes>::get().nodes()[before - 1] : 0.0;
-  }
+  double lastNode(int before) const { return before > 0 ? rule_.nodes()[before - 1] : 0.0; }
 
   // At t, with `before` nodes before it.
   Motion changeAt(int e, double t, int before, const UnloadedChange<Group>& change,
@@ -279,26 +156,26 @@ class LoadedArmOf<Group>::UnloadedElements {
                                             element.begin + t * element.length);
     const Motion moved = Group::leftJacobian(step.twist) * step.by;
     if (before == 0) return moved;
-    return at_nodes[before - 1] + atNode(e * kNodes + before - 1).adjoint() * moved;
+    return at_nodes[before - 1] + atNode(e * nodes_ + before - 1).adjoint() * moved;
   }
 
   // Magnus steps from Gauss point to Gauss point.
-  void addTapered(int e, const GaussRule<kNodes>& rule) {
+  void addTapered(int e) {
     const Element& element = arm_.elements_[e];
     const model::TaperTwist<Group> profile = profileOf(element.section);
     Group X;
     double from = element.begin;
     twist_[e].setZero();
-    for (int j = 0; j <= kNodes; ++j) {
-      const double to = element.begin + (j < kNodes ? rule.nodes()[j] : 1.0) * element.length;
+    for (int j = 0; j <= nodes_; ++j) {
+      const double to = element.begin + (j < nodes_ ? rule_.nodes()[j] : 1.0) * element.length;
       const Tangent step = profile.step(from, to);
       twist_[e] += step;
       X = X * Group::exp(step);
       from = to;
-      if (j == kNodes) break;
-      rotation_[e * kNodes + j] = X.rotation;
-      translation_[e * kNodes + j] = X.translation;
-      compliance_[e * kNodes + j] =
+      if (j == nodes_) break;
+      rotation_[e * nodes_ + j] = X.rotation;
+      translation_[e * nodes_ + j] = X.translation;
+      compliance_[e * nodes_ + j] =
           arm_.per_K_[element.section] * arm_.tapers_[element.section]->complianceAt(to);
     }
     end_[e] = X;
@@ -306,9 +183,11 @@ class LoadedArmOf<Group>::UnloadedElements {
 
   const LoadedArmOf& arm_;
   const Unloaded& unloaded_;
+  const GaussRule& rule_;
+  int nodes_;  // per element
   Tangent twist_[kMaxElements];
-  decltype(Group::rotation) rotation_[kNodes * kMaxElements];
-  typename Group::Point translation_[kNodes * kMaxElements];
+  decltype(Group::rotation) rotation_[kMaxNodes];
+  typename Group::Point translation_[kMaxNodes];
   Group end_[kMaxElements];         // of tapered elements
   std::vector<Matrix> compliance_;  // at the nodes, if it is not one constant per section
 };
@@ -328,43 +207,38 @@ class NoChange final : public UnloadedChange<Group> {
   }
 };
 
-/// One solution of the loaded tier, with kNodes Gauss points per element. All data is on the stack.
+/// One solution of the loaded tier, with one number of Gauss points in all elements. All data is on
+/// the stack, in arrays of the maximum size of which only what is used is set.
 template <class Group>
-template <int kNodes>
 class LoadedArmOf<Group>::Relaxation {
  public:
   static constexpr int kDof = Group::kDof;
-  static constexpr int kRates = kDof * kNodes;  // per element
   using Tangent = typename Group::Tangent;
   using Point = typename Group::Point;
-  using Points = Eigen::Matrix<double, Group::kSpace, kNodes>;
-  // One capacity for all orders; a larger one for the reference solution.
-  static constexpr int kMostRates = std::max(kMaxRates<kDof>, kRates* kMaxElements);
-  using Rates =
-      Eigen::Matrix<double, kDof, Eigen::Dynamic, Eigen::ColMajor, kDof, kNodes * kMaxElements>;
+  using Rates = Eigen::Matrix<double, kDof, Eigen::Dynamic, Eigen::ColMajor, kDof, kMaxNodes>;
 
-  Relaxation(const LoadedArmOf& arm, const Unloaded& unloaded)
+  Relaxation(const LoadedArmOf& arm, const Unloaded& unloaded, int nodes)
       : arm_(arm),
         load_(arm.load_),
-        rule_(GaussRule<kNodes>::get()),
+        rule_(GaussRule::of(nodes)),
+        nodes_(nodes),
         count_(elementCount(arm)),
-        unloaded_(arm, unloaded) {
+        unloaded_(arm, unloaded, rule_) {
     scale_ << Eigen::Matrix<double, Group::kSpace, 1>::Constant(1.0 / arm.size_),
         Eigen::Matrix<double, Group::kRotations, 1>::Ones();
-    rates_.setZero(kDof, kNodes * count_);
+    rates_.setZero(kDof, nodes_ * count_);
+    at_.resize(Group::kSpace, nodes_ * count_);
   }
 
   // Starts at another solution.
-  void startFrom(const Relaxation& other) { rates_ = other.rates_; }
-  // Starts at given rates, as a function of element and t in [0, 1].
-  template <class RateAt>
-  void startAt(const RateAt& rateAt) {
-    for (int node = 0; node < rates_.cols(); ++node) {
-      rates_.col(node) = rateAt(node / kNodes, rule_.nodes()[node % kNodes]);
+  void startFrom(const Relaxation& other) {
+    if (nodes_ == other.nodes_) {
+      rates_ = other.rates_;
+      return;
     }
-  }
-  Tangent rateAt(int e, double t) const {
-    return rates_.template middleCols<kNodes>(e * kNodes) * rule_.at(t);
+    for (int node = 0; node < rates_.cols(); ++node) {
+      rates_.col(node) = other.sum(node / nodes_, other.rule_.at(rule_.nodes()[node % nodes_]));
+    }
   }
 
   // Out of line, since it is long and has many callers.
@@ -382,7 +256,7 @@ class LoadedArmOf<Group>::Relaxation {
   // the load's strain by less than itself.
   void refuseUnstable() {
     if (status_ != SolveStatus::kConverged) return;
-    const krylov::Range amplification = amplifications();
+    const KrylovSpace::Range amplification = amplifications();
     if (!(amplification.largest <= 1.0)) status_ = SolveStatus::kNotConverged;
     amplification_ = std::clamp(amplification.largest, 0.0, kLargestAmplification);
     stiffening_ = std::max(-amplification.least, 0.0);
@@ -395,9 +269,7 @@ class LoadedArmOf<Group>::Relaxation {
     if (status_ != SolveStatus::kConverged) return false;
     double turned = 0.0;
     for (int e = 0; e < count_; ++e) {
-      turned += (rates_.template middleCols<kNodes>(e * kNodes) * rule_.weights())
-                    .template tail<Group::kRotations>()
-                    .norm();
+      turned += sum(e, rule_.weights()).template tail<Group::kRotations>().norm();
     }
     return 1.0 - amplification_ <= kBranching * turned * turned;
   }
@@ -450,18 +322,18 @@ class LoadedArmOf<Group>::Relaxation {
 
   // Newton's step, which leaves only rounding errors.
   void polish() {
-    if (kNodes == kLeastOrder + 1) return;  // its result is no fixed point
+    if (nodes_ == kLeastNodes) return;  // its result is no fixed point
     Rates answer;
     evaluate(answer);
     const NoChange<Group> none;
     std::vector<LinearElement<Group>> elements = linearised(none);
     for (int node = 0; node < rates_.cols(); ++node) {
-      elements[node / kNodes].nodes[node % kNodes].rate = answer.col(node) - rates_.col(node);
+      elements[node / nodes_].nodes[node % nodes_].rate = answer.col(node) - rates_.col(node);
     }
     const auto step =
         LinearChain<Group>(elements).balanced(wrenchesAt<Group>(tip_.translation, 1, false));
     for (int e = 0; e < count_; ++e) {
-      rates_.template middleCols<kNodes>(e * kNodes) += step.rates[e].reshaped(kDof, kNodes);
+      rates_.middleCols(e * nodes_, nodes_) += step.rates[e].reshaped(kDof, nodes_);
     }
     place();
   }
@@ -469,7 +341,7 @@ class LoadedArmOf<Group>::Relaxation {
   // Motions of the elements' starts and of the tip by the change's parameters and, in six more
   // columns on request, by a force and a moment at the tip.
   typename LinearChain<Group>::Response respond(const UnloadedChange<Group>& change, bool by_load) {
-    if (kNodes == kLeastOrder + 1) return respondToOneStep(change, by_load);
+    if (nodes_ == kLeastNodes) return respondToOneStep(change, by_load);
     Rates answer;
     evaluate(answer);
     return LinearChain<Group>(linearised(change))
@@ -491,10 +363,10 @@ class LoadedArmOf<Group>::Relaxation {
       const int e = place.e, section = arm_.elements_[e].section;
       if (of != e) unloaded = unloaded_.changes(e, change);
       of = e;
-      const Eigen::Matrix<double, kNodes, 1> weights = rule_.upTo(t);
-      const Tangent z = rates_.template middleCols<kNodes>(e * kNodes) * weights;
+      const GaussRule::Vector weights = rule_.upTo(t);
+      const Tangent z = sum(e, weights);
       Motion by_z = Motion::Zero(kDof, response.starts[e].cols());
-      for (int l = 0; l < kNodes; ++l) {
+      for (int l = 0; l < nodes_; ++l) {
         by_z += weights[l] * response.rates[e].template middleRows<kDof>(kDof * l);
       }
       Motion motion = response.starts[e] + start_[e].adjoint() * Group::leftJacobian(z) * by_z;
@@ -510,7 +382,7 @@ class LoadedArmOf<Group>::Relaxation {
 
   // Pose at t in [0, 1] of an element, seen from the base.
   Group poseAt(int e, double t) const {
-    const Tangent z = rates_.template middleCols<kNodes>(e * kNodes) * rule_.upTo(t);
+    const Tangent z = sum(e, rule_.upTo(t));
     return start_[e] * Group::exp(z) * unloaded_.at(e, t);
   }
 
@@ -570,6 +442,21 @@ class LoadedArmOf<Group>::Relaxation {
 
   static int elementCount(const LoadedArmOf& arm) { return static_cast<int>(arm.elements_.size()); }
 
+  // Sum of an element's columns, one per Gauss point, with these weights. In loops, since Eigen's
+  // products of run-time size are slow where they are this small.
+  template <class Columns, class Weights>
+  auto sumOf(const Columns& columns, int e, const Weights& weights) const {
+    Eigen::Matrix<double, Columns::RowsAtCompileTime, 1> out = weights[0] * columns.col(e * nodes_);
+    for (int l = 1; l < nodes_; ++l) out += weights[l] * columns.col(e * nodes_ + l);
+    return out;
+  }
+  template <class Weights>
+  Tangent sum(int e, const Weights& weights) const {
+    return sumOf(rates_, e, weights);
+  }
+
+  Group poseOf(int node) const { return {at_rotation_[node], at_.col(node)}; }
+
   // Rates that balance the load on the shape of rates_; sets start_ and tip_ for that shape.
   [[gnu::noinline]] void evaluate(Rates& out) {
     out.resize(kDof, rates_.cols());
@@ -577,17 +464,16 @@ class LoadedArmOf<Group>::Relaxation {
     farthest_ = 0.0;
     for (int e = 0; e < count_; ++e) {
       start_[e] = X;
-      const auto u = rates_.template middleCols<kNodes>(e * kNodes);
-      const Eigen::Matrix<double, kDof, kNodes> z = u * rule_.before();
-      for (int j = 0; j < kNodes; ++j) {
-        const int node = e * kNodes + j;
-        const Group X_j = X * Group::exp(z.col(j)) * unloaded_.atNode(node);
+      for (int j = 0; j < nodes_; ++j) {
+        const int node = e * nodes_ + j;
+        const Tangent z = sum(e, rule_.before().col(j));
+        const Group X_j = X * Group::exp(z) * unloaded_.atNode(node);
         at_rotation_[node] = X_j.rotation;
-        at_[node] = X_j.translation;
-        z_[node] = z.col(j);
-        farthest_ = std::max(farthest_, z.col(j).template tail<Group::kRotations>().norm());
+        at_.col(node) = X_j.translation;
+        z_[node] = z;
+        farthest_ = std::max(farthest_, z.template tail<Group::kRotations>().norm());
       }
-      X = X * Group::exp(u * rule_.weights()) * unloaded_.end(e);
+      X = X * Group::exp(sum(e, rule_.weights())) * unloaded_.end(e);
       if (arm_.elements_[e].linked) X = X * linkAfter(e);
     }
     tip_ = X;
@@ -606,19 +492,17 @@ class LoadedArmOf<Group>::Relaxation {
       }
       const Point weight =
           within<Group>(element.length * load_.mass[element.section] * load_.gravity);
-      Points x;
-      for (int j = 0; j < kNodes; ++j) x.col(j) = at_[e * kNodes + j];
-      const Points beyond = x * rule_.after();
       const double stretch = share_ * element.length;
-      for (int j = 0; j < kNodes; ++j) {
-        const int node = e * kNodes + j;
+      for (int j = 0; j < nodes_; ++j) {
+        const int node = e * nodes_ + j;
         Tangent W_j = W;
-        add((1.0 - rule_.nodes()[j]) * weight, momentOf(beyond.col(j), weight), W_j);
-        wrench_[node] = seenFrom<Group>({at_rotation_[node], at_[node]}, W_j);
+        add((1.0 - rule_.nodes()[j]) * weight,
+            momentOf(sumOf(at_, e, rule_.after().col(j)), weight), W_j);
+        wrench_[node] = seenFrom<Group>(poseOf(node), W_j);
         const Tangent strain = stretch * (unloaded_.compliance(e, j) * wrench_[node]);
         out.col(node) = Group::solveRightJacobian(z_[node], moved(unloaded_.atNode(node), strain));
       }
-      add(weight, momentOf(x * rule_.weights(), weight), W);
+      add(weight, momentOf(sumOf(at_, e, rule_.weights()), weight), W);
     }
     pull_ = W.template head<Group::kSpace>().norm() * arm_.size_ +
             W.template tail<Group::kRotations>().norm();
@@ -642,8 +526,8 @@ class LoadedArmOf<Group>::Relaxation {
     out.after = rule_.after();
     out.weights = rule_.weights();
     out.first_column = change.first(element.section);
-    for (int j = 0; j < kNodes; ++j) {
-      const int node = e * kNodes + j;
+    for (int j = 0; j < nodes_; ++j) {
+      const int node = e * nodes_ + j;
       const Tangent& z = z_[node];
       const Matrix Ad_unloaded = unloaded_.atNode(node).adjoint();
       const Matrix& C = unloaded_.compliance(e, j);
@@ -651,7 +535,7 @@ class LoadedArmOf<Group>::Relaxation {
       const Tangent strain = C * wrench_[node];
       const Tangent moved_strain = element.length * (Ad_unloaded * strain);
       LinearNode<Group> linear;
-      linear.X = {at_rotation_[node], at_[node]};
+      linear.X = poseOf(node);
       linear.wrench = wrench_[node];
       linear.motion_by_z = start.adjoint() * Group::leftJacobian(z);
       linear.motion = (start * Group::exp(z)).adjoint() * unloaded[j];
@@ -665,10 +549,10 @@ class LoadedArmOf<Group>::Relaxation {
       linear.rate = Jr_inverse * rate;
       out.nodes.push_back(std::move(linear));
     }
-    const Tangent z = rates_.template middleCols<kNodes>(e * kNodes) * rule_.weights();
+    const Tangent z = sum(e, rule_.weights());
     const Group before_unloaded = start * Group::exp(z);
     out.end_by_z = start.adjoint() * Group::leftJacobian(z);
-    out.end = before_unloaded.adjoint() * unloaded[kNodes];
+    out.end = before_unloaded.adjoint() * unloaded[nodes_];
     out.weight = within<Group>(element.length * load_.mass[element.section] * load_.gravity);
     const Group end = before_unloaded * unloaded_.end(e);
     for (const int p : element.points) {
@@ -692,9 +576,9 @@ class LoadedArmOf<Group>::Relaxation {
     Rates first, second;
     rates_.setZero();
     evaluate(first);
-    const Matrices by_first =
-        answerTo(Matrices(static_cast<std::size_t>(count_), Eigen::MatrixXd::Zero(kRates, columns)))
-            .rates;
+    const Matrices by_first = answerTo(Matrices(static_cast<std::size_t>(count_),
+                                                Eigen::MatrixXd::Zero(kDof * nodes_, columns)))
+                                  .rates;
     rates_ = first;
     evaluate(second);
     const Matrices by_second = answerTo(by_first).rates;
@@ -706,8 +590,8 @@ class LoadedArmOf<Group>::Relaxation {
     const Rates first_w = weighted(first), step_w = weighted(step);
     const double square = first.cwiseProduct(first_w).sum();
     const double factor = square > 0 ? first.cwiseProduct(step_w).sum() / square : 0.0;
-    const auto at = [](const Rates& rates, int e) -> Eigen::VectorXd {
-      return rates.template middleCols<kNodes>(e * kNodes).reshaped();
+    const auto at = [this](const Rates& rates, int e) -> Eigen::VectorXd {
+      return rates.middleCols(e * nodes_, nodes_).reshaped();
     };
     Eigen::RowVectorXd by_factor = Eigen::RowVectorXd::Zero(columns);
     for (int e = 0; e < count_ && square > 0; ++e) {
@@ -769,8 +653,7 @@ class LoadedArmOf<Group>::Relaxation {
   double highestMode() const {
     double out = 0.0;
     for (int e = 0; e < count_; ++e) {
-      const auto u = rates_.template middleCols<kNodes>(e * kNodes);
-      out += scale_.cwiseProduct(u * rule_.highest()).norm();
+      out += scale_.cwiseProduct(sum(e, rule_.highest())).norm();
     }
     return out;
   }
@@ -781,9 +664,9 @@ class LoadedArmOf<Group>::Relaxation {
   // turn by up to theta, and n Gauss points resolve turns up to theta_n. a: amplification.
   double tipErrorBound(double tail) const {
     const double turned = turn();
-    const double resolved = kNodes == kLeastOrder + 1 ? kTurnOfOneStep : kTurnOfNode * kNodes;
+    const double resolved = nodes_ == kLeastNodes ? kTurnOfOneStep : kTurnOfNode * nodes_;
     double seen = 1.0;
-    for (int i = 0; i < kNodes && turned < resolved; ++i) seen *= turned / resolved;
+    for (int i = 0; i < nodes_ && turned < resolved; ++i) seen *= turned / resolved;
     return tail * seen / (1.0 - amplification_) + remainder();
   }
 
@@ -802,7 +685,7 @@ class LoadedArmOf<Group>::Relaxation {
   double remainder() const {
     const double factor = std::min(std::max(factor_, amplification_), kLargestAmplification);
     const double hidden = stiffening_ / (1.0 + stiffening_);
-    return kNodes == kLeastOrder + 1 ? residual_ * std::max(factor / (1.0 - factor), hidden) : 0.0;
+    return nodes_ == kLeastNodes ? residual_ * std::max(factor / (1.0 - factor), hidden) : 0.0;
   }
 
   // Sets the starts of the elements and the tip for the shape of rates_.
@@ -810,8 +693,7 @@ class LoadedArmOf<Group>::Relaxation {
     Group X;
     for (int e = 0; e < count_; ++e) {
       start_[e] = X;
-      X = X * Group::exp(rates_.template middleCols<kNodes>(e * kNodes) * rule_.weights()) *
-          unloaded_.end(e);
+      X = X * Group::exp(sum(e, rule_.weights())) * unloaded_.end(e);
       if (arm_.elements_[e].linked) X = X * linkAfter(e);
     }
     tip_ = X;
@@ -820,7 +702,7 @@ class LoadedArmOf<Group>::Relaxation {
   void iterate() {
     Rates answer;
     Rates weight = scale_.replicate(1, rates_.cols());
-    Anderson<kMostRates> anderson(flat(weight));
+    Anderson anderson(flat(weight));
     for (iterations_ = 1; iterations_ <= kMaxIterations; ++iterations_) {
       evaluate(answer);
       residual_ = anderson.advance(flat(rates_), flat(answer));
@@ -845,26 +727,28 @@ class LoadedArmOf<Group>::Relaxation {
 
   // Factors by which the load's response amplifies changes of strain: the eigenvalues of the
   // iteration's derivative, in a Krylov space (Arnoldi).
-  [[gnu::noinline]] krylov::Range amplifications() {
+  [[gnu::noinline]] KrylovSpace::Range amplifications() {
     Rates found = rates_, weight = scale_.replicate(1, rates_.cols()), answer, moved;
     evaluate(answer);
-    const krylov::Range range = krylov::eigenvalues<kRates * kMaxElements>(
-        static_cast<int>(found.size()), [&](const auto& motion, auto& change) {
-          flat(rates_) = flat(found) + krylov::kStep * motion.cwiseQuotient(flat(weight));
-          evaluate(moved);
-          change = (flat(moved) - flat(answer)).cwiseProduct(flat(weight)) / krylov::kStep;
-        });
+    KrylovSpace space(static_cast<int>(found.size()));
+    while (!space.complete()) {
+      flat(rates_) = flat(found) + kResponseStep * space.motion().cwiseQuotient(flat(weight));
+      evaluate(moved);
+      // In place: a Ref of an expression would be a copy on the heap.
+      flat(moved) = (flat(moved) - flat(answer)).cwiseProduct(flat(weight)) / kResponseStep;
+      space.add(flat(moved));
+    }
     rates_ = found;
     place();
-    return range;
+    return space.eigenvalues();
   }
 
   bool supported() const {
     for (int e = 0; e < count_; ++e) {
       const auto& free = arm_.null_space_[arm_.elements_[e].section];
-      for (int j = 0; j < kNodes; ++j) {
+      for (int j = 0; j < nodes_; ++j) {
         for (int i = 0; i < free.cols(); ++i) {
-          if (std::abs(free.col(i).dot(wrench_[e * kNodes + j])) > kNoWork * pull_) return false;
+          if (std::abs(free.col(i).dot(wrench_[e * nodes_ + j])) > kNoWork * pull_) return false;
         }
       }
     }
@@ -873,18 +757,19 @@ class LoadedArmOf<Group>::Relaxation {
 
   const LoadedArmOf& arm_;
   const Load& load_;
-  const GaussRule<kNodes>& rule_;
-  int count_;
-  UnloadedElements<kNodes> unloaded_;
+  const GaussRule& rule_;
+  int nodes_, count_;  // Gauss points per element; elements
+  UnloadedElements unloaded_;
   Tangent scale_;
   Rates rates_;
   // Last evaluated shape.
   std::array<Group, kMaxElements> start_;
-  decltype(Group::rotation) at_rotation_[kNodes * kMaxElements];
-  Point at_[kNodes * kMaxElements];
-  Tangent z_[kNodes * kMaxElements];
-  Tangent wrench_[kNodes * kMaxElements];  // seen from the node
-  double pull_ = 0.0;                      // magnitude of the whole load [N m]
+  decltype(Group::rotation) at_rotation_[kMaxNodes];
+  Eigen::Matrix<double, Group::kSpace, Eigen::Dynamic, Eigen::ColMajor, Group::kSpace, kMaxNodes>
+      at_;
+  Tangent z_[kMaxNodes];
+  Tangent wrench_[kMaxNodes];  // seen from the node
+  double pull_ = 0.0;          // magnitude of the whole load [N m]
   Group tip_;
   SolveStatus status_ = SolveStatus::kNotConverged;
   double residual_ = 0.0, farthest_ = 0.0;

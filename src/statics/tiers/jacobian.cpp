@@ -45,7 +45,7 @@ std::vector<SE3> tipSeenFromEnds(const model::Arm& arm, const model::Twists& twi
 // loadedResponse(), which order kMostOrder leaves with errors of 3e-7.
 ShapeDerivative byTipLoad(const model::Arm& arm, const Load& load, const model::Twists& twists) {
   constexpr int kNodes = 16;  // more turns per piece than any arm has
-  const GaussRule<kNodes>& rule = GaussRule<kNodes>::get();
+  const GaussRule& rule = GaussRule::of(kNodes);
   ShapeDerivative out = constantDerivative(arm.sectionCount(), 6, 0.0);
   const double step = 1.0 / kLoadedPieces;
   const std::vector<SE3> ends = tipSeenFromEnds(arm, twists);
