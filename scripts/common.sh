@@ -114,7 +114,7 @@ jobs() {
 in_clean_environment() {
   local -a variables=(PATH=/usr/bin:/bin:/usr/sbin:/sbin)
   local name
-  for name in HOME ROS_HOME ROS_HOSTNAME ROS_IP TMPDIR TERM ASAN_OPTIONS UBSAN_OPTIONS; do
+  for name in HOME ROS_HOME ROS_HOSTNAME ROS_IP TMPDIR TERM ASAN_OPTIONS UBSAN_OPTIONS HELIX_ARM_TEST_SIZE; do
     [[ -z ${!name:-} ]] || variables+=("$name=${!name}")
   done
   env -i "${variables[@]}" "$@"
@@ -143,7 +143,29 @@ build() {
   fi
   cmake -S "$root" -B "$build_dir" "${generator[@]}" -DCMAKE_BUILD_TYPE=Release \
     -DCATKIN_ENABLE_TESTING="$testing" "${launcher[@]}" "${build_options[@]}" >&2
-  cmake --build "$build_dir" -j "$(jobs)" --target "$@" >&2
+  cmake --build "$build_dir" -j "$(jobs)" --target "$@" 2>&1 | tell_progress >&2
+}
+
+# Prints how far ninja is every ten seconds, with an estimate, and passes on whatever is no progress.
+tell_progress() {
+  local begun=$SECONDS told=$SECONDS done=0 all=0 partial="" line code
+  while true; do
+    code=0
+    IFS= read -r -t 1 line || code=$?
+    line="$partial$line" partial=""
+    if ((code > 128)); then  # a second has passed, perhaps within a line
+      partial="$line"
+    elif [[ $line =~ ^\[([0-9]+)/([0-9]+)\] ]]; then
+      done="${BASH_REMATCH[1]}" all="${BASH_REMATCH[2]}"
+    elif ((code == 0)); then
+      printf '%s\n' "$line"
+    fi
+    ((code == 0 || code > 128)) || break
+    ((SECONDS - told >= 10 && done > 0)) || continue
+    told=$SECONDS
+    local passed=$((SECONDS - begun))
+    printf 'built %d of %d steps in %d s; about %d s left\n' "$done" "$all" "$passed" $((passed * (all - done) / done))
+  done
 }
 
 # prepare [tests]

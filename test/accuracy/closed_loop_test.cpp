@@ -20,6 +20,7 @@
 #include "support/ideal_rig.hpp"
 #include "support/random.hpp"
 #include "support/rig_captures.hpp"
+#include "support/test_size.hpp"
 
 namespace helix_arm {
 namespace {
@@ -123,6 +124,15 @@ StepFigures figuresOf(const FollowResult& result, std::size_t first = 0) {
   return out;
 }
 
+// The open loop is there for its figure; by default it goes to the first tip alone.
+FollowResult openLoop(const io::Scene& scene, FollowPlan plan) {
+  if (!test::isFullSize()) {
+    plan.seconds /= static_cast<double>(plan.tips.size());
+    plan.tips.resize(1);
+  }
+  return run(scene, plan, true);
+}
+
 StepFigures printSteps(const char* what, const FollowResult& closed, const FollowResult& open) {
   const StepFigures figures = figuresOf(closed);
   std::printf(
@@ -133,16 +143,17 @@ StepFigures printSteps(const char* what, const FollowResult& closed, const Follo
   return figures;
 }
 
-TEST(ClosedLoop, TwentyTipsFromCorners) {
+TEST(ClosedLoop, TipsFromCorners) {
+  const int tips = test::draws(6, 20);
   const struct {
     const char* what;
     std::vector<io::Override> changes;
     double latency, steady_rms, settle_median, settle_worst;  // the last three: at most
   } cases[] = {
-      {"20 tips", {}, FollowPlan().latency, 0.0004, 1.0, 1.5},
-      {"20 tips, ideal rig", {test::kIdealRig}, FollowPlan().latency, 0.0003, 0.7, 1.0},
-      {"20 tips, latency 0.3 s", {}, 0.3, 0.0006, INFINITY, INFINITY},
-      {"20 tips, ideal rig with a play of 8 kPa to either side",
+      {"tips", {}, FollowPlan().latency, 0.0004, 1.0, 1.5},
+      {"tips, ideal rig", {test::kIdealRig}, FollowPlan().latency, 0.0003, 0.7, 1.0},
+      {"tips, latency 0.3 s", {}, 0.3, 0.0006, INFINITY, INFINITY},
+      {"tips, ideal rig with a play of 8 kPa to either side",
        {test::kIdealRig, {"simulation.arm.response", "{play_kpa: [8], play_weight: [0.95]}"}},
        FollowPlan().latency,
        0.001,
@@ -151,10 +162,10 @@ TEST(ClosedLoop, TwentyTipsFromCorners) {
   for (const auto& one : cases) {
     SCOPED_TRACE(one.what);
     const io::Scene scene = demo(one.changes);
-    FollowPlan plan = steps(scene, 20, 4);
+    FollowPlan plan = steps(scene, tips, 4);
     plan.latency = one.latency;
-    const StepFigures figures = printSteps(one.what, run(scene, plan), run(scene, plan, true));
-    EXPECT_EQ(figures.reached, 20);
+    const StepFigures figures = printSteps(one.what, run(scene, plan), openLoop(scene, plan));
+    EXPECT_EQ(figures.reached, tips);
     EXPECT_LE(figures.steady_rms, one.steady_rms);
     EXPECT_LE(figures.settle_median, one.settle_median);
     EXPECT_LE(figures.settle_worst, one.settle_worst);
@@ -169,18 +180,17 @@ TEST(ClosedLoop, AResponseThatTheSceneKnowsLeavesNoBias) {
   const io::Scene unknown = demo({test::kIdealRig, {"simulation.arm.response", lag_and_play}});
   const io::Scene known =
       demo({test::kIdealRig, {"contractions.fig3_muscle.response", lag_and_play}});
-  const FollowPlan plan = steps(known, 20, 6);
+  const FollowPlan plan = steps(known, test::draws(6, 20), 6);
   const StepFigures with = figuresOf(run(known, plan)),
                     without = figuresOf(procedures::runFollow(unknown, plan));
   const auto followed = [](const io::Scene& scene) {
-    return procedures::runFollow(scene, shape(scene, TipShape::kCircle, 20))
-        .figures.path_rms.value();
+    const FollowPlan turns = shape(scene, TipShape::kCircle, 20, test::draws(1, 2));
+    return procedures::runFollow(scene, turns).figures.path_rms.value();
   };
   const double circle = followed(known), circle_without = followed(unknown);
   std::printf(
       "[  FIGURE  ] lag 0.3 / 0.6 s and play of 8 kPa: steady RMS %.2f mm, settled after %.2f s in "
-      "the "
-      "median, circle in 20 s %.2f mm RMS; unknown to the scene %.2f mm, %.2f s, %.2f mm\n",
+      "the median, circle in 20 s %.2f mm RMS; unknown to the scene %.2f mm, %.2f s, %.2f mm\n",
       kMm * with.steady_rms, with.settle_median, kMm * circle, kMm * without.steady_rms,
       without.settle_median, kMm * circle_without);
   EXPECT_LE(with.steady_rms, 0.001);
@@ -219,11 +229,12 @@ struct SwingingArm {
 class ClosedLoopSwinging : public testing::TestWithParam<SwingingArm> {};
 
 TEST_P(ClosedLoopSwinging, IsSteadyAndNotTakenForAContact) {
+  if (GetParam().first == 0 && !test::isFullSize()) GTEST_SKIP() << test::kFullSizeOnly;
   const SwingingArm& swinging = GetParam();
   const std::string mode = "{frequency_hz: " + std::to_string(swinging.frequency) +
                            ", damping: " + std::to_string(swinging.damping) + "}";
   const io::Scene scene = demo({{"simulation.arm.mode", mode}});
-  const FollowResult result = procedures::runFollow(scene, steps(scene, 40, 4));
+  const FollowResult result = procedures::runFollow(scene, steps(scene, test::draws(14, 40), 4));
   const StepFigures figures = figuresOf(result, swinging.first);
   std::printf("[  FIGURE  ] %s: steady RMS %.2f mm, settled after %.2f s in the median, %zu alarms",
               swinging.name, kMm * figures.steady_rms, figures.settle_median, result.alarms.size());
@@ -231,7 +242,7 @@ TEST_P(ClosedLoopSwinging, IsSteadyAndNotTakenForAContact) {
   EXPECT_LE(figures.settle_median, swinging.settled);
   EXPECT_TRUE(result.alarms.empty());
   EXPECT_FALSE(doubtedAt(result));
-  for (std::size_t i = 0; i < 3; ++i) {
+  for (std::size_t i = test::draws(1, 0); i < static_cast<std::size_t>(test::draws(2, 3)); ++i) {
     const double period = std::array<double, 3>{20, 8, 4}[i];
     const FollowResult circle =
         procedures::runFollow(scene, shape(scene, TipShape::kCircle, period, i == 0 ? 2 : 5));
@@ -267,7 +278,7 @@ TEST(ClosedLoop, ThePredictedTipIsAsCertainAsItClaims) {
     }
     return "[" + out + "]";
   };
-  for (unsigned seed = 1; seed <= 6; ++seed) {
+  for (unsigned seed = 1; seed <= static_cast<unsigned>(test::draws(2, 6)); ++seed) {
     const io::Scene scene =
         demo({{"simulation.arm.stroke_scales", factors(0.05)},
               {"simulation.arm.stiffness_scales", factors(0.05)},
@@ -302,10 +313,9 @@ TEST(ClosedLoop, ThePredictedTipIsAsCertainAsItClaims) {
     const double share = static_cast<double>(one.inside) / one.rows;
     std::printf(
         "[  FIGURE  ] the predicted tip %s errs by %.2f mm RMS, and is within its ellipsoid of 95 "
-        "%% "
-        "in %.1f %%\n",
+        "%% in %.1f %%\n",
         what, kMm * std::sqrt(one.error2 / one.rows), 100 * share);
-    EXPECT_GT(one.rows, 1000);
+    EXPECT_GT(one.rows, test::draws(300, 1000));
     EXPECT_GE(share, 0.9) << what;
     EXPECT_LE(share, 0.98) << what;
   }
@@ -321,14 +331,17 @@ struct DiscArm {
   // With the dead time, at most 15 ms from the estimate. Where no mode is found it contains a part
   // of the mode's own delay, at 3 Hz of 21 ms [s].
   double lag;
+  bool by_default = false;
 };
 
 class ClosedLoopOnDiscs : public testing::TestWithParam<DiscArm> {};
 
 TEST_P(ClosedLoopOnDiscs, IsSteadyAndNotTakenForAContact) {
+  if (!GetParam().by_default && !test::isFullSize()) GTEST_SKIP() << test::kFullSizeOnly;
   const DiscArm& discs = GetParam();
   const io::Scene scene = demo();
-  FollowPlan tips = steps(scene, 12, 4), circle = shape(scene, TipShape::kCircle, 8, 3);
+  FollowPlan tips = steps(scene, test::draws(9, 12), 4),
+             circle = shape(scene, TipShape::kCircle, 8, test::draws(2, 3));
   for (FollowPlan* plan : {&tips, &circle}) {
     plan->plant = std::string(HELIX_ARM_SOURCE_DIR) + "/test/accuracy/disc_arm.py " + discs.options;
     plan->latency = 0.1;
@@ -342,7 +355,7 @@ TEST_P(ClosedLoopOnDiscs, IsSteadyAndNotTakenForAContact) {
       "mm, %zu alarms\n",
       discs.name, kMm * figures.steady_rms, figures.settle_median,
       kMm * *turns.figures.last_turn_rms, result.alarms.size() + turns.alarms.size());
-  EXPECT_GE(figures.reached, 4);
+  EXPECT_GE(figures.reached, test::draws(2, 4));
   EXPECT_LE(figures.steady_rms, discs.steady);
   EXPECT_LE(figures.settle_median, discs.settled);
   EXPECT_LE(*turns.figures.last_turn_rms, discs.last_turn);
@@ -358,7 +371,7 @@ INSTANTIATE_TEST_SUITE_P(
     testing::Values(
         DiscArm{"ten_hz", "--frequency 10 --damping 0.3", 0.0004, 1.5, 0.0015, 0.13},
         DiscArm{"ten_hz_slow", "--frequency 10 --damping 0.3 --lag 0.3", 0.0004, 1.5, 0.0015, 0.33},
-        DiscArm{"three_hz", "--frequency 3 --damping 0.2", 0.0004, 1.5, 0.0015, 0.14},
+        DiscArm{"three_hz", "--frequency 3 --damping 0.2", 0.0004, 1.5, 0.0015, 0.14, true},
         DiscArm{"one_and_a_half_hz", "--frequency 1.5 --damping 0.05", 0.0006, 2.0, 0.0015, 0.13},
         DiscArm{"one_and_a_half_hz_slow", "--frequency 1.5 --damping 0.05 --lag 0.3", 0.0008, 2.0,
                 0.0015, 0.33}),
@@ -367,7 +380,8 @@ INSTANTIATE_TEST_SUITE_P(
 // Soft arms that hang, whose load is told 10 % too low: measured and predicted tips have the same
 // deviations from the mean twists, and a force at the tip has a balance.
 TEST(ClosedLoop, SoftHangingArmsWithALoadToldWrong) {
-  for (const double K_eps : {30.0, 60.0, 120.0}) {
+  for (const double K_eps :
+       test::isFullSize() ? std::vector{30.0, 60.0, 120.0} : std::vector{30.0}) {
     const auto hanging = [K_eps](double mass) {
       return io::loadScene(std::string(HELIX_ARM_SOURCE_DIR) + "/config/scenes/loaded.yaml",
                            {{"arm.stiffness.K_eps_n", std::to_string(K_eps)},
@@ -377,13 +391,13 @@ TEST(ClosedLoop, SoftHangingArmsWithALoadToldWrong) {
     const io::Scene scene = hanging(0.405), rig = hanging(0.45);
     test::Random random(3);
     FollowPlan plan;
-    plan.tips = trueTips(rig, 8, random);
-    plan.seconds = 32;
+    plan.tips = trueTips(rig, test::draws(4, 8), random);
+    plan.seconds = 4 * static_cast<double>(plan.tips.size());
     const FollowResult result = procedures::runFollow(scene, rig, plan);
     const StepFigures figures = figuresOf(result);
     std::printf("[  FIGURE  ] hanging, K_eps %.0f N: steady RMS %.2f mm\n", K_eps,
                 kMm * figures.steady_rms);
-    EXPECT_EQ(figures.reached, 8);
+    EXPECT_EQ(figures.reached, static_cast<int>(plan.tips.size()));
     EXPECT_LE(figures.steady_rms, 0.001);
     EXPECT_EQ(result.contact_blind, 0.0);
     EXPECT_TRUE(result.alarms.empty());
@@ -396,11 +410,13 @@ struct Drawing {
   double period;
   double most;         // RMS [m]
   bool ideal = false;  // of the rig
+  bool by_default = false;
 };
 
 class ClosedLoopPath : public testing::TestWithParam<Drawing> {};
 
 TEST_P(ClosedLoopPath, IsDrawn) {
+  if (!GetParam().by_default && !test::isFullSize()) GTEST_SKIP() << test::kFullSizeOnly;
   const io::Scene scene = GetParam().ideal ? demo({test::kIdealRig}) : demo();
   const FollowPlan plan = shape(scene, GetParam().shape, GetParam().period);
   const FollowResult closed = run(scene, plan), open = run(scene, plan, true);
@@ -414,20 +430,21 @@ INSTANTIATE_TEST_SUITE_P(
     Shapes, ClosedLoopPath,
     testing::Values(Drawing{"circle", TipShape::kCircle, 20, 0.001},
                     Drawing{"circle", TipShape::kCircle, 8, 0.002},
-                    Drawing{"circle", TipShape::kCircle, 4, 0.003},
-                    Drawing{"square", TipShape::kSquare, 12, 0.002},
+                    Drawing{"circle", TipShape::kCircle, 4, 0.003, false, true},
+                    Drawing{"square", TipShape::kSquare, 12, 0.002, false, true},
                     Drawing{"lemniscate", TipShape::kLemniscate, 12, 0.002},
                     Drawing{"ideal_circle", TipShape::kCircle, 20, 0.0005, true},
                     Drawing{"ideal_circle", TipShape::kCircle, 8, 0.0006, true},
-                    Drawing{"ideal_circle", TipShape::kCircle, 4, 0.0011, true}),
+                    Drawing{"ideal_circle", TipShape::kCircle, 4, 0.0011, true, true}),
     [](const auto& drawing) {
       return drawing.param.name + std::to_string(static_cast<int>(drawing.param.period));
     });
 
 TEST(ClosedLoop, ATurnOfTheCircleWithoutPictures) {
   const io::Scene scene = demo();
-  FollowPlan plan = shape(scene, TipShape::kCircle, 8, 3);
-  const FollowResult seeing = run(scene, plan);
+  FollowPlan plan = shape(scene, TipShape::kCircle, 8, 3), begin = plan;
+  begin.seconds = 4;
+  const FollowResult seeing = run(scene, begin);
   const auto start = std::find_if(seeing.rows.begin(), seeing.rows.end(),
                                   [](const auto& row) { return *row.path_time >= 0; });
   ASSERT_NE(start, seeing.rows.end());
@@ -463,13 +480,12 @@ TEST(ClosedLoop, NothingWindsUpOutOfReach) {
 
 TEST(ClosedLoop, TipsFromRenderedPictures) {
   const io::Scene scene = demo();
-  FollowPlan plan = steps(scene, 4, 3);
+  FollowPlan plan = steps(scene, test::draws(2, 4), 3);
   plan.vision = simulation::VisionKind::kRendered;
   const FollowResult closed = run(scene, plan);
   plan.vision = simulation::VisionKind::kCorners;
-  const StepFigures figures =
-      printSteps("4 tips, rendered pictures", closed, run(scene, plan, true));
-  EXPECT_EQ(figures.reached, 4);
+  const StepFigures figures = printSteps("tips, rendered pictures", closed, openLoop(scene, plan));
+  EXPECT_EQ(figures.reached, static_cast<int>(plan.tips.size()));
   // Within 12 s the loop has hardly learnt the strokes.
   EXPECT_LE(figures.steady_rms, 0.0008);
 }
@@ -542,10 +558,10 @@ io::Scene calibratedOn(const io::Scene& rig, const std::vector<int>& hidden) {
 // Tags that are misplaced by 1 mm and 1 degree are seen where they are not: no loop can tell, a
 // calibration can. It finds the camera, too; tags that it does not see hardly count.
 TEST(ClosedLoop, OfCalibratedArmsIsAsGoodAsTheOpenOne) {
-  constexpr int kRigs = 5;
+  const int rigs = test::draws(2, 5);
   const std::vector<int> hidden = {3, 5, 16, 18};
   double open2 = 0, closed2 = 0, before2 = 0;
-  for (int seed = 1; seed <= kRigs; ++seed) {
+  for (int seed = 1; seed <= rigs; ++seed) {
     const io::Scene rig = demo({test::kIdealRig,
                                 {"simulation.mounts.tag_translation_m", "0.001"},
                                 {"simulation.mounts.tag_rotation_deg", "1"},
@@ -565,14 +581,14 @@ TEST(ClosedLoop, OfCalibratedArmsIsAsGoodAsTheOpenOne) {
     EXPECT_TRUE(std::find_first_of(named.begin(), named.end(), hidden.begin(), hidden.end()) !=
                 named.end());
     EXPECT_TRUE(before.uncalibrated_tags.empty());
-    closed2 += std::pow(figures.steady_rms, 2) / kRigs;
-    open2 += std::pow(figuresOf(open).steady_rms, 2) / kRigs;
-    before2 += std::pow(figuresOf(before).steady_rms, 2) / kRigs;
+    closed2 += std::pow(figures.steady_rms, 2) / rigs;
+    open2 += std::pow(figuresOf(open).steady_rms, 2) / rigs;
+    before2 += std::pow(figuresOf(before).steady_rms, 2) / rigs;
   }
   std::printf(
       "[  FIGURE  ] %d rigs: steady RMS %.2f mm (open loop %.2f mm; %.1f mm before the "
       "calibration)\n",
-      kRigs, kMm * std::sqrt(closed2), kMm * std::sqrt(open2), kMm * std::sqrt(before2));
+      rigs, kMm * std::sqrt(closed2), kMm * std::sqrt(open2), kMm * std::sqrt(before2));
   EXPECT_LE(std::sqrt(closed2), std::sqrt(open2) + 2e-4);
   EXPECT_LT(std::sqrt(closed2), std::sqrt(before2));
 }
@@ -591,8 +607,9 @@ TEST(ClosedLoop, ACameraThatSlipsIsDoubted) {
     double seconds;
     Eigen::Vector2d pixels;
   };
-  const Slip slips[] = {{10, {62, 0}}, {10, {-62, 0}}, {10, {0, 62}}, {10, {0, -62}},
-                        {1, {62, 0}},  {1, {0, 62}},   {3, {62, 0}},  {20, {0, 62}}};
+  std::vector<Slip> slips = {{1, {62, 0}},  {20, {0, 62}},  {10, {62, 0}}, {10, {-62, 0}},
+                             {10, {0, 62}}, {10, {0, -62}}, {1, {0, 62}},  {3, {62, 0}}};
+  if (!test::isFullSize()) slips.erase(slips.begin() + 2, slips.end());
   for (const Slip& slip : slips) {
     plan.drift = procedures::PictureDrift{kBegin, slip.seconds, slip.pixels};
     const FollowResult result = procedures::runFollow(scene, plan);
@@ -622,11 +639,12 @@ TEST(ClosedLoop, ACameraThatSlipsIsDoubted) {
 }
 
 // Arms for which the loop was not tuned, in their first 24 s: strokes and lag are still learnt.
-TEST(ClosedLoop, FiftyArmsEachMuscleItsOwn) {
+TEST(ClosedLoop, RandomArmsEachMuscleItsOwn) {
+  const int arms = test::draws(3, 50);
   test::Random random(17);
   StepFigures worst;
   double open_worst = 0.0;
-  for (int arm = 0; arm < 50; ++arm) {
+  for (int arm = 0; arm < arms; ++arm) {
     io::Scene scene = demo();
     simulation::ArmDeviation& truth = scene.simulation.arm;
     truth.K_gamma_scale = random.uniform(0.6, 1.6);
@@ -643,12 +661,12 @@ TEST(ClosedLoop, FiftyArmsEachMuscleItsOwn) {
     worst.steady_rms = std::max(worst.steady_rms, figures.steady_rms);
     worst.settle_median = std::max(worst.settle_median, figures.settle_median);
     worst.settle_worst = std::max(worst.settle_worst, figures.settle_worst);
-    open_worst = std::max(open_worst, figuresOf(run(scene, plan, true)).steady_rms);
+    open_worst = std::max(open_worst, figuresOf(openLoop(scene, plan)).steady_rms);
   }
   std::printf(
-      "[  FIGURE  ] the worst of 50 random arms: steady RMS %.2f mm (open loop %.1f mm), "
+      "[  FIGURE  ] the worst of %d random arms: steady RMS %.2f mm (open loop %.1f mm), "
       "settled after %.2f s in the median, %.2f s at worst\n",
-      kMm * worst.steady_rms, kMm * open_worst, worst.settle_median, worst.settle_worst);
+      arms, kMm * worst.steady_rms, kMm * open_worst, worst.settle_median, worst.settle_worst);
   EXPECT_LE(worst.steady_rms, 0.001);
   EXPECT_LE(worst.settle_median, 1.0);
 }

@@ -12,6 +12,7 @@
 #include "helix_arm/procedures/follow_run.hpp"
 #include "support/ideal_rig.hpp"
 #include "support/random.hpp"
+#include "support/test_size.hpp"
 
 namespace helix_arm {
 namespace {
@@ -110,10 +111,10 @@ struct Found {
   double mean_square = 0;  // error by its covariance, 3 in the mean if it is right
 };
 
-Found found(double force, const io::Scene& scene, unsigned draws = 20) {
+Found found(double force, const io::Scene& scene, int draws) {
   std::vector<double> delays, laterals;
   double sum = 0;
-  for (unsigned seed = 1; seed <= draws; ++seed) {
+  for (int seed = 1; seed <= draws; ++seed) {
     const auto draw = touch(scene, seed, force);
     if (!draw) continue;
     delays.push_back(draw->delay);
@@ -126,30 +127,36 @@ Found found(double force, const io::Scene& scene, unsigned draws = 20) {
   const auto soon = std::upper_bound(delays.begin(), delays.end(), 0.5) - delays.begin();
   const double mean = sum / static_cast<double>(delays.size());
   std::printf(
-      "[  FIGURE  ] %.1f N across the arm, %u draws: %zu found, %d within 0.5 s, after %.2f s in "
+      "[  FIGURE  ] %.1f N across the arm, %d draws: %zu found, %d within 0.5 s, after %.2f s in "
       "the median; lateral error after 1.5 s %.2f N in the median, %.2f N at most; error^2 %.2f of "
-      "3 "
-      "in the mean\n",
+      "3 in the mean\n",
       force, draws, delays.size(), static_cast<int>(soon), delays[delays.size() / 2],
       laterals[laterals.size() / 2], laterals.back(), mean);
   return {static_cast<int>(soon), laterals[delays.size() * 9 / 10], mean};
 }
 
+// Draws that are found within half a second: 18 of 20; of fewer, what docs/closed_loop.md quotes.
+int leastSoon(int draws) { return draws == 20 ? 18 : test::leastOf(draws, 0.98); }
+
 TEST(Contact, AForceAcrossTheArmIsFoundWithinHalfASecond) {
+  const int draws = test::draws(5, 20);
   for (const double force : {2 * kForce, kForce}) {
-    const Found figures = found(force, arm());
-    EXPECT_GE(figures.soon, 18);
+    const Found figures = found(force, arm(), draws);
+    EXPECT_GE(figures.soon, leastSoon(draws));
     EXPECT_LE(figures.lateral, 0.15);
     EXPECT_GT(figures.mean_square, 0.5);
-    EXPECT_LT(figures.mean_square, 4.0);
+    EXPECT_LT(figures.mean_square, 3.0 + std::sqrt(20.0 / draws));
   }
 }
 
 // After 14.5 s of pictures, strokes are not yet known as well as on the ideal rig: they hide some
 // of the lightest touches.
 TEST(Contact, AForceAcrossTheDemosArmIsFoundWithinHalfASecond) {
-  EXPECT_GE(found(2 * kForce, demo()).soon, 18);
-  EXPECT_GE(found(kForce, demo()).soon, 16);
+  const int draws = test::draws(4, 20);
+  EXPECT_GE(found(2 * kForce, demo(), draws).soon, leastSoon(draws));
+  if (test::isFullSize()) {
+    EXPECT_GE(found(kForce, demo(), draws).soon, 16);
+  }
 }
 
 // A force that an arm of 900 N would hardly notice. Were forces expected to be as large on a soft
@@ -158,8 +165,10 @@ TEST(Contact, AForceOnASoftHangingArmIsKnown) {
   const struct {
     double K_eps;           // [N]
     Eigen::Vector3d force;  // across the arm [N]
-  } cases[] = {{30, {0, 0.05, 0}}, {30, {0, 0, 0.05}}, {60, {0, 0.1, 0}}, {60, {0, 0, -0.1}}};
+    bool by_default = false;
+  } cases[] = {{30, {0, 0.05, 0}}, {30, {0, 0, 0.05}}, {60, {0, 0.1, 0}}, {60, {0, 0, -0.1}, true}};
   for (const auto& one : cases) {
+    if (!one.by_default && !test::isFullSize()) continue;
     const io::Scene scene =
         io::loadScene(std::string(HELIX_ARM_SOURCE_DIR) + "/config/scenes/loaded.yaml",
                       {{"arm.stiffness.K_eps_n", std::to_string(one.K_eps)},
@@ -181,10 +190,10 @@ TEST(Contact, AForceOnASoftHangingArmIsKnown) {
 
 // At 6 mm/s.
 TEST(Contact, AForceDuringASlowPathIsFoundWithinASecond) {
-  constexpr int kDraws = 10;
+  const int draws = test::draws(3, 10);
   const io::Scene scene = arm();
   int soon = 0;
-  for (int seed = 1; seed <= kDraws; ++seed) {
+  for (int seed = 1; seed <= draws; ++seed) {
     test::Random random(500 + seed);
     Eigen::Vector3d fraction;
     for (double& one : fraction) one = random.uniform(0.35, 0.65);
@@ -205,8 +214,8 @@ TEST(Contact, AForceDuringASlowPathIsFoundWithinASecond) {
     if (!result.alarms.empty()) soon += result.alarms[0].time <= kTouched + 1.0;
   }
   std::printf("[  FIGURE  ] 0.5 N on a path at 6 mm/s: %d of %d found within a second\n", soon,
-              kDraws);
-  EXPECT_GE(soon, 8);
+              draws);
+  EXPECT_GE(soon, draws == 10 ? 8 : test::leastOf(draws, 0.98));
 }
 
 // The scores of forks while nothing touches the arm.
@@ -237,8 +246,7 @@ void watch(const io::Scene& scene, const FollowPlan& plan, Quiet& quiet) {
 void print(const char* what, const Quiet& quiet) {
   std::printf(
       "[  FIGURE  ] %.2f h %s: %d false alarms, %d false doubts, highest score %.1f of 32, %d "
-      "above "
-      "16\n",
+      "above 16\n",
       quiet.hours, what, quiet.alarms, quiet.doubts, quiet.highest, quiet.crossings);
 }
 
@@ -267,25 +275,27 @@ void expectQuiet(const Quiet& quiet) {
   EXPECT_EQ(quiet.doubts, 0);
 }
 
-TEST(Contact, StepsAreNoContact) { expectQuiet(stepsWithoutContact(1, 240)); }
+TEST(Contact, StepsAreNoContact) { expectQuiet(stepsWithoutContact(1, test::draws(60, 240))); }
 
 TEST(Contact, StepsOfMusclesWithAKnownPlayAreNoContact) {
   const io::Scene known = arm({{"contractions.fig3_muscle.response", kPlay}});
-  expectQuiet(stepsWithoutContact(1, 240, known, "of steps with a play that is known"));
+  expectQuiet(
+      stepsWithoutContact(1, test::draws(60, 240), known, "of steps with a play that is known"));
 }
 
-TEST(Contact, RestIsNoContact) { expectQuiet(restWithoutContact(1, 480)); }
+TEST(Contact, RestIsNoContact) { expectQuiet(restWithoutContact(1, test::draws(60, 480))); }
 
 // Camera, base and tags are not where the scene says.
 TEST(Contact, StepsOfARigThatIsPlacedInexactlyAreNotDoubted) {
   Quiet quiet;
-  for (int seed = 1; seed <= 6; ++seed) {
+  const int tips = test::draws(10, 20);
+  for (int seed = 1; seed <= test::draws(2, 6); ++seed) {
     const io::Scene scene = arm({{"simulation.mounts.camera_translation_m", "0.002"},
                                  {"simulation.mounts.camera_rotation_deg", "0.5"},
                                  {"simulation.mounts.tag_translation_m", "0.001"},
                                  {"simulation.mounts.tag_rotation_deg", "1"},
                                  {"simulation.mounts.seed", std::to_string(seed)}});
-    watch(scene, randomTips(scene, 20, 80, 400 + seed), quiet);
+    watch(scene, randomTips(scene, tips, 4 * tips, 400 + seed), quiet);
   }
   print("of steps, camera and tags misplaced", quiet);
   EXPECT_EQ(quiet.doubts, 0);
@@ -317,11 +327,11 @@ struct Carried {
 
 // RMS of the tip's error 1 to 4 s after the load came, of the worst draw [m].
 double worstOf(const Carried& load) {
-  constexpr int kDraws = 8;
+  const int draws = test::draws(2, 8);
   const io::Scene scene = arm();
   double first = 0, steady = 0, worst = 0;
   int found = 0;
-  for (unsigned seed = 1; seed <= kDraws; ++seed) {
+  for (int seed = 1; seed <= draws; ++seed) {
     FollowPlan plan = touchedPlan(scene, kTouched + 4, seed);
     if (!load.force.isZero(0)) plan.force->force = load.force;
     const FollowResult result = procedures::runFollow(scene, plan);
@@ -334,7 +344,7 @@ double worstOf(const Carried& load) {
   std::printf(
       "[  FIGURE  ] %s, %d draws, %d found: RMS %.2f mm in the first 0.3 s, %.2f mm from 1 to 4 s, "
       "%.2f mm at worst\n",
-      load.name, kDraws, found, kMm * std::sqrt(first / kDraws), kMm * std::sqrt(steady / kDraws),
+      load.name, draws, found, kMm * std::sqrt(first / draws), kMm * std::sqrt(steady / draws),
       kMm * worst);
   return worst;
 }

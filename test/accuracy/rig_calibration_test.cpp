@@ -1,6 +1,6 @@
 // A calibration run on rigs as the simulator builds them: stiffness, muscles, camera and tags of
-// each are off in their own way; pictures are rendered, compressed and searched, pressures have lag
-// and noise.
+// each are off in their own way; pictures are rendered and searched (by default those of the first
+// rigs; of the others corners are projected), pressures have lag and noise.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -26,14 +26,16 @@
 #include "support/random.hpp"
 #include "support/rig_captures.hpp"
 #include "support/sample_rig.hpp"
+#include "support/test_size.hpp"
 
 namespace helix_arm {
 namespace {
 
 using namespace estimation;
 
-constexpr int kRigs = 100;
-constexpr int kMostMisses = 5;
+const int kRigs = test::draws(9, 100);
+const int kRendered = test::draws(1, 100);  // of these rigs
+constexpr double kBeyond3 = 0.0027;         // probability of more than 3 standard errors
 constexpr int kTips = 30;
 constexpr double kOff = 0.006;  // of the tip, before [m]
 
@@ -54,15 +56,30 @@ Rig draw(int number) {
   return rig;
 }
 
-// What the detector sees of the arm, as the calibration takes it.
-std::vector<io::TagCornerCapture> photograph(const io::Scene& scene, const Rig& rig) {
+// What is seen of the arm, as the calibration takes it.
+std::vector<io::TagCornerCapture> photograph(const io::Scene& scene, const Rig& rig,
+                                             bool rendered) {
   simulation::CameraSetup setup = scene.cameraSetup().value();
   setup.view = simulation::deviate(scene.view(), scene.arm, rig.mounts);
   setup.config.seed = rig.mounts.seed;
   auto regulator = std::get<regulator::SimulatedRegulatorConfig>(*scene.regulator);
   regulator.seed = rig.mounts.seed;
   simulation::SimulatedRig simulated(scene.arm, regulator, rig.arm, setup);
-  return test::photograph(scene, simulated, procedures::defaultPressurePlan(scene.arm));
+  const Eigen::MatrixXd plan = procedures::defaultPressurePlan(scene.arm);
+  if (rendered) return test::photograph(scene, simulated, plan);
+  estimation::ArmView shrunk = setup.view;
+  shrunk.layout.size -= 2 * setup.config.bleed;
+  // The median of three has 0.67 of the deviation of one.
+  const double noise = scene.vision.fit.corner_noise / 0.67;
+  test::Random random(rig.mounts.seed);
+  return test::photograph(scene, simulated, plan, [&] {
+    std::vector<procedures::TagObservation> seen;
+    for (const estimation::TagImage& tag : estimation::visibleTags(shrunk, simulated.shape())) {
+      seen.push_back({scene.tags->tags[static_cast<std::size_t>(tag.tag)].id, tag.corners});
+      for (double& value : seen.back().corners.reshaped()) value += noise * random.normal();
+    }
+    return seen;
+  });
 }
 
 // What a calibration should find, by its names.
@@ -119,7 +136,7 @@ double tipError2(const io::Scene& scene, const Rig& rig, const Calibration* foun
   return sum / kTips;
 }
 
-TEST(RigCalibration, FindsEveryParameterOfNinetyFiveRigsInAHundredAndBringsTheTipThreeTimesCloser) {
+TEST(RigCalibration, ParametersAreWithinTheirErrorsAndTheTipComesThreeTimesCloser) {
   const io::Scene scene = io::loadScene(HELIX_ARM_SOURCE_DIR "/config/scenes/demo.yaml");
   estimation::CalibrationOptions options;
   options.base = options.tags = options.bleed = true;
@@ -133,8 +150,8 @@ TEST(RigCalibration, FindsEveryParameterOfNinetyFiveRigsInAHundredAndBringsTheTi
   double sum_before = 0, sum_after = 0, square = 0;
   for (int number = 1; number <= kRigs; ++number) {
     const Rig rig = draw(number);
-    const procedures::LoadedCaptures loaded =
-        procedures::makeCaptures(scene, photograph(scene, rig), "rig " + std::to_string(number));
+    const procedures::LoadedCaptures loaded = procedures::makeCaptures(
+        scene, photograph(scene, rig, number <= kRendered), "rig " + std::to_string(number));
     const Calibration found =
         estimation::calibrate({procedures::makeArmCaptures(scene, loaded.captures)}, options);
     ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << number << ": " << found.reason;
@@ -154,7 +171,7 @@ TEST(RigCalibration, FindsEveryParameterOfNinetyFiveRigsInAHundredAndBringsTheTi
   }
   int worst = 0;
   for (const auto& [name, count] : misses) {
-    EXPECT_LE(count, kMostMisses) << name;
+    EXPECT_LE(count, test::mostOf(kRigs, kBeyond3)) << name;
     worst = std::max(worst, count);
   }
   // Errors that are too large would hide anything.
@@ -168,12 +185,13 @@ TEST(RigCalibration, FindsEveryParameterOfNinetyFiveRigsInAHundredAndBringsTheTi
   EXPECT_LE(ratios.back(), 1.0 / 3);
   EXPECT_LE(std::sqrt(sum_after / sum_before), 1.0 / 3);
   std::printf(
-      "%d rigs, %zu parameters: at most %d rigs beyond 3 standard errors, RMS %.2f of them\n"
+      "%d rigs (%d rendered), %zu parameters: at most %d rigs beyond 3 standard errors, RMS %.2f "
+      "of them\n"
       "tip, RMS: %.1f mm before, %.1f mm after; of %zu rigs that were off by more than %.0f mm, "
       "the worst ratio is %.3f; K_kappa told in %d\n",
-      kRigs, misses.size(), worst, std::sqrt(square / kRigs), 1e3 * std::sqrt(sum_before / kRigs),
-      1e3 * std::sqrt(sum_after / kRigs), ratios.size(), 1e3 * kOff, ratios.back(),
-      told["K_kappa"]);
+      kRigs, kRendered, misses.size(), worst, std::sqrt(square / kRigs),
+      1e3 * std::sqrt(sum_before / kRigs), 1e3 * std::sqrt(sum_after / kRigs), ratios.size(),
+      1e3 * kOff, ratios.back(), told["K_kappa"]);
 }
 
 // ---- A run there and back -----------------------------------------------------------------------
@@ -370,9 +388,7 @@ TEST(LoopCalibration, FindsLagAndPlayAndPredictsTheTipThroughACycle) {
       "mm without a response; tip of the samples from %.2f to %.2f mm, median\n"
       "[  FIGURE  ] tip through a cycle, RMS: %.2f mm before, %.2f calibrated up alone, %.2f "
       "calibrated there and back (%.2f with measured in place of effective pressures); a measured "
-      "tip "
-      "has "
-      "%.2f mm of noise\n",
+      "tip has %.2f mm of noise\n",
       1e3 * apart, response.rise_time.value, response.fall_time.value,
       1e-3 * response.response.halfWidth(), 1e3 * response.rms, 1e3 * response.static_rms,
       1e3 * with.tip_error_before.value(), 1e3 * with.tip_error_after.value(), 1e3 * before,

@@ -10,6 +10,7 @@
 
 #include "estimation/tracked_arm.hpp"
 #include "support/paper_arm.hpp"
+#include "support/test_size.hpp"
 
 namespace helix_arm::estimation {
 namespace {
@@ -68,9 +69,9 @@ class HelicalArmFilter : public ::testing::Test {
 // The prediction's covariance covers its error: the normalised error of the twists has a mean of 6
 // where the assumptions hold, and less where the arm is better than assumed.
 TEST_F(HelicalArmFilter, KnowsHowWrongItIs) {
-  constexpr unsigned kRuns = 100;
+  const auto runs = static_cast<unsigned>(test::draws(30, 100));
   double nees = 0;
-  for (unsigned run = 0; run < kRuns; ++run) {
+  for (unsigned run = 0; run < runs; ++run) {
     test::Random random(100 + run);
     Correction truth(model_.arm());
     truth.stiffness_factors = {std::exp(0.3 * random.normal()), 1.0,
@@ -90,7 +91,7 @@ TEST_F(HelicalArmFilter, KnowsHowWrongItIs) {
     const Eigen::MatrixXd P = H * filter.state().covariance * H.transpose();
     const Eigen::VectorXd error =
         (bench.twists(pressure) - filter.shape(pressure)->twists()).reshaped();
-    nees += error.dot(P.ldlt().solve(error)) / kRuns;
+    nees += error.dot(P.ldlt().solve(error)) / runs;
   }
   EXPECT_GT(nees, 1.0);
   EXPECT_LT(nees, 8.0);

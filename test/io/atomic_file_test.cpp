@@ -21,6 +21,7 @@
 #include "support/refusal.hpp"
 #include "support/temporary_file.hpp"
 #include "support/temporary_folder.hpp"
+#include "support/test_size.hpp"
 
 namespace helix_arm::io {
 namespace {
@@ -313,7 +314,7 @@ TEST(AtomicFile, OthersTemporaryFilesStay) {
 // A writer that is killed at any moment leaves one of its versions, whole, and at most one
 // temporary file, which the next writer removes.
 TEST(AtomicFile, AWriterKilledAtAnyMomentLeavesAWholeVersion) {
-  constexpr int kKills = 200;
+  const int kills = test::draws(60, 200);
   constexpr std::size_t kSize = 500000;
   const TemporaryFolder folder;
   const std::string path = folder / "scene.yaml";
@@ -325,7 +326,7 @@ TEST(AtomicFile, AWriterKilledAtAnyMomentLeavesAWholeVersion) {
   const std::chrono::duration<double> both = Clock::now() - start;
   test::Random random(17);
   int seen[2] = {0, 0}, abandoned = 0;
-  for (int kill = 0; kill < kKills; ++kill) {
+  for (int kill = 0; kill < kills; ++kill) {
     const pid_t writer = ::fork();
     ASSERT_GE(writer, 0);
     if (writer == 0) {
@@ -346,7 +347,7 @@ TEST(AtomicFile, AWriterKilledAtAnyMomentLeavesAWholeVersion) {
   }
   EXPECT_GT(seen[0], 0);
   EXPECT_GT(seen[1], 0);
-  EXPECT_GT(abandoned, kKills / 20) << "too few were killed while they wrote";
+  EXPECT_GT(abandoned, kills / 20) << "too few were killed while they wrote";
   writeFileAtomically(path, versions[0]);
   EXPECT_EQ(namesIn(folder.path()), std::set<std::string>{"scene.yaml"});
 }

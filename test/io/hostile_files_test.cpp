@@ -30,8 +30,7 @@ void loadProfile(const std::string& path) {
   const TemporaryFolder folder;
   std::filesystem::create_symlink(path, folder / "profile.yaml");
   const std::string regulator =
-      "  simulated: {time_constant_s: 0.2, supply_kpa: 450, noise_kpa: 2, "
-      "seed: 7}";
+      "  simulated: {time_constant_s: 0.2, supply_kpa: 450, noise_kpa: 2, seed: 7}";
   std::ofstream(folder / "arm.yaml") << replaced(
       kSpatialScene, regulator,
       "  ascii_serial: {profile: ./profile.yaml, device: /dev/ttyUSB0, addresses: [a, b, c, d, e, "
@@ -148,8 +147,7 @@ TEST(HostileFiles, NoMessageContainsAWordOfAForeignFile) {
 TEST(HostileFiles, NoMessageContainsACellOfADataSet) {
   const Scene scene = sceneOf(kSpatialScene);
   const std::string corners =
-      "capture,pressure_1_kpa,tag,x1_px,y1_px,x2_px,y2_px,x3_px,y3_px,"
-      "x4_px,y4_px\n";
+      "capture,pressure_1_kpa,tag,x1_px,y1_px,x2_px,y2_px,x3_px,y3_px,x4_px,y4_px\n";
   const std::string tables[] = {
       corners + "1,77123.5,3,1,2,3,4,5,6,7,8\n",
       corners + "-77123.5,0,3,1,2,3,4,5,6,7,8\n",

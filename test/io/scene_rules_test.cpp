@@ -1,6 +1,6 @@
 // Every rule of a scene, broken once.
 
-#include <chrono>
+#include <ctime>
 
 #include <gtest/gtest.h>
 
@@ -165,11 +165,10 @@ TEST(SceneFaults, ADocumentThatIsTooMuchIsRefusedAtOnce) {
       "list: [&a {" + repeated("k: 1, ", 9000) + "k: 1}" + repeated(", *a", 9000) + "]\n",
   };
   for (const std::string& bomb : bombs) {
-    const auto start = std::chrono::steady_clock::now();
+    const std::clock_t start = std::clock();  // of the processor, whatever else it does
     EXPECT_EQ(faultsOf(bomb), Faults{":1 is nested too deeply or holds too many values"})
         << bomb.substr(0, 40);
-    EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(5))
-        << bomb.substr(0, 40);
+    EXPECT_LT((std::clock() - start) / CLOCKS_PER_SEC, 5) << bomb.substr(0, 40);
   }
 }
 

@@ -15,6 +15,7 @@
 #include "lie/so3_switch.hpp"
 #include "support/high_precision.hpp"
 #include "support/random.hpp"
+#include "support/test_size.hpp"
 
 namespace helix_arm::lie {
 namespace {
@@ -22,6 +23,9 @@ namespace {
 using namespace test;
 
 using basics::kPi;
+
+// Arithmetic in 80 digits takes its time.
+int some(int full) { return test::draws(full / 10, full); }
 
 struct Worst {
   double rotation = 0.0;     // largest entry, in eps of 1
@@ -82,17 +86,18 @@ double distanceToFullTurn(double angle) { return std::abs(std::remainder(angle, 
 
 TYPED_TEST(Accuracy, ExpWithin4EpsUpToAHalfTurn) {
   Worst worst;
-  for (int i = 0; i < 3000; ++i)
+  for (int i = 0; i < some(3000); ++i)
     worst.add(this->errorOfExp(this->twist(this->random_.logUniform(1e-300, kPi))));
-  for (int i = 0; i < 6000; ++i)
+  for (int i = 0; i < some(6000); ++i)
     worst.add(this->errorOfExp(this->twist(this->random_.uniform(0, kPi))));
   worst.expectWithin(4.0, "exp to pi");
 }
 
 TYPED_TEST(Accuracy, ExpIsAsGoodOnBothSidesOfTheSwitch) {
   Worst worst;
-  for (int i = 0; i < 1010; ++i) {
-    const double angle = std::sqrt(kSeriesLimit) * (1 + (i / 10 - 50) * kEps);
+  const int each = some(10);
+  for (int i = 0; i < 101 * each; ++i) {
+    const double angle = std::sqrt(kSeriesLimit) * (1 + (i / each - 50) * kEps);
     worst.add(this->errorOfExp(this->twist(angle)));
   }
   worst.expectWithin(8.0, "exp at its switch");
@@ -101,21 +106,21 @@ TYPED_TEST(Accuracy, ExpIsAsGoodOnBothSidesOfTheSwitch) {
 TYPED_TEST(Accuracy, ExpWithin8EpsUpToTwoTurnsAwayFromFullOnes) {
   Worst worst;
   int away = 0;
-  for (int i = 0; i < 8000; ++i) {
+  for (int i = 0; i < some(8000); ++i) {
     const double angle = this->random_.uniform(kPi, 4 * kPi);
     if (distanceToFullTurn(angle) < kAway) continue;
     ++away;
     worst.add(this->errorOfExp(this->twist(angle)));
   }
-  ASSERT_GT(away, 5000);
+  ASSERT_GT(away, some(5000));
   worst.expectWithin(8.0, "exp to 4 pi");
 }
 
 TYPED_TEST(Accuracy, ExpKeepsItsRotationUpTo1e3AndAtFullTurns) {
   Worst worst;
-  for (int i = 0; i < 2000; ++i)
+  for (int i = 0; i < some(2000); ++i)
     worst.add(this->errorOfExp(this->twist(this->random_.uniform(4 * kPi, 1e3))));
-  for (int turns = 1; turns < 150; ++turns) {
+  for (int turns = 1; turns < some(150); ++turns) {
     for (const double offset : {0.0, 1e-12, -1e-12, 1e-6, -1e-6}) {
       worst.add({this->errorOfExp(this->twist(2 * kPi * turns + offset)).rotation, 0.0});
     }
@@ -126,11 +131,11 @@ TYPED_TEST(Accuracy, ExpKeepsItsRotationUpTo1e3AndAtFullTurns) {
 
 TYPED_TEST(Accuracy, LogWithin4EpsUpToAHalfTurn) {
   Worst worst;
-  for (int i = 0; i < 3000; ++i)
+  for (int i = 0; i < some(3000); ++i)
     worst.add(this->errorOfLog(this->twist(this->random_.logUniform(1e-300, 1.0))));
-  for (int i = 0; i < 6000; ++i)
+  for (int i = 0; i < some(6000); ++i)
     worst.add(this->errorOfLog(this->twist(this->random_.uniform(0, kPi))));
-  for (int i = 0; i < 3000; ++i) {
+  for (int i = 0; i < some(3000); ++i) {
     worst.add(this->errorOfLog(this->twist(kPi - this->random_.logUniform(1e-12, 1e-1))));
   }
   worst.expectWithin(4.0, "log to pi - 1e-12");
@@ -138,7 +143,7 @@ TYPED_TEST(Accuracy, LogWithin4EpsUpToAHalfTurn) {
 
 TYPED_TEST(Accuracy, JacobiansFollowTheirSeries) {
   double worst = 0.0;
-  for (int i = 0; i < 500; ++i) {
+  for (int i = 0; i < some(500); ++i) {
     worst =
         std::max(worst, this->errorOfJacobian(this->twist(this->random_.logUniform(1e-300, 1.0))));
     worst = std::max(worst, this->errorOfJacobian(this->twist(this->random_.uniform(0, 4 * kPi))));

@@ -8,6 +8,9 @@ import warnings
 import helix_arm
 import numpy as np
 
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+from test_size import draws
+
 GOOD = np.array([1e5, 2e5, 0.0])
 
 
@@ -266,7 +269,7 @@ class UnmadeObjectTest(unittest.TestCase):
 
 
 class RandomCallTest(unittest.TestCase):
-    CALLS = 10_000
+    CALLS = draws(2_000, 10_000)
 
     def value(self, random):
         """Mostly wrong in one way or another."""

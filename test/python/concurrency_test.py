@@ -5,10 +5,14 @@ import sys
 import threading
 import time
 import unittest
+from pathlib import Path
 
 import helix_arm
 import numpy as np
 from forward_test import pressures_of
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
+from test_size import draws
 
 SANITIZED = "libasan" in os.environ.get("LD_PRELOAD", "")
 
@@ -41,7 +45,7 @@ class SharedArrayTest(unittest.TestCase):
     def check(self, call, rows, calls):
         expected = call(rows)
         self.assertTrue(np.isfinite(expected).all())
-        refused, end = 0, time.monotonic() + 60
+        calls, refused, end = draws(calls // 10, calls), 0, time.monotonic() + 60
         with Writer(rows):
             while calls > 0 or (refused == 0 and time.monotonic() < end):
                 calls -= 1
@@ -186,7 +190,7 @@ def work(begun):
         begun.set()
 class Late:
     def __del__(self):
-        for _ in range(20):
+        for _ in range({late}):
             call()
 call()
 events = [threading.Event() for _ in range(3)]
@@ -210,7 +214,7 @@ class EndOfInterpreterTest(unittest.TestCase):
     def test_daemon_threads_within_calls_do_not_end_the_process(self):
         for name, rows, call in self.CALLS:
             with self.subTest(call=call):
-                code = ENDING.format(name=name, rows=rows, call=call)
+                code = ENDING.format(name=name, rows=rows, call=call, late=draws(3, 20))
                 result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
                 self.assertEqual((result.returncode, result.stderr), (0, ""))
 

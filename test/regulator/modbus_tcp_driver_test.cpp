@@ -440,9 +440,8 @@ TEST(ModbusReplies, ARegisterIsANumberWithASign) {
 TEST(ModbusReplies, NoPressureIsBelowVacuum) {
   Answered device([](const Bytes& request) { return framed(request, {3, 2, 0x80, 0x01}); });
   const std::string error = refusal<BadReply>([&] { device.read(); });
-  EXPECT_TRUE(has(error,
-                  "register 45395 of festo_mpa reads -3276.7 kPa; expected no less than "
-                  "vacuum"));
+  EXPECT_TRUE(
+      has(error, "register 45395 of festo_mpa reads -3276.7 kPa; expected no less than vacuum"));
 }
 
 TEST(ModbusReplies, AnExceptionIsABadReplyAndTheLinkLives) {

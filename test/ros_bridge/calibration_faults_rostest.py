@@ -16,6 +16,7 @@ from calibration_rig import CalibrationRig  # noqa: E402
 from helix_arm.msg import RunCalibrationActionResult, SafetyState, TargetStatus  # noqa: E402
 from helix_arm.srv import Calibrate, ClearSamples, FitContraction, RecordSample, Save  # noqa: E402
 from processes import SOURCE, wait_for  # noqa: E402
+from test_size import full_size_only  # noqa: E402
 
 PLAN = [3e5, 0, 0, 0, 3e5, 0, 3e5, 3e5, 0, 0, 0, 3e5]  # whose pressures are high
 
@@ -94,6 +95,7 @@ class CalibrationFaults(CalibrationRig):
         for cleared in (2, 0):
             self.assertEqual(self.call("clear_samples", ClearSamples).cleared, cleared)
 
+    @full_size_only
     def test_a_sample_of_stale_measurements_is_refused(self):
         self.record_when_settled(RecordSample)
         clock = self.inbox("/clock", Clock)
@@ -122,12 +124,14 @@ class CalibrationFaults(CalibrationRig):
             self.assert_ends(state, words)
             self.assert_rest(first if ramps else None)
 
+    @full_size_only
     def test_a_second_goal_replaces_the_first_after_rest(self):
         first = self.start_run()
         self.send(plan=[0, 0, 0, 0, 0, 1e5], captures_per_pressure=1, fit=["K_kappa"])
         self.assert_wait(self.client.get_result, 45)
         self.assert_rest(first)
 
+    @full_size_only
     def test_asked_to_end_it_ramps_down_first(self):
         first = self.start_run()
         self.calibration.signal(signal.SIGINT)
@@ -141,6 +145,7 @@ class CalibrationFaults(CalibrationRig):
         self.assert_wait(lambda: (self.safety[-1].state, self.safety[-1].cause) == (SafetyState.VENTED, "stale_target"))
         self.assert_rest()
 
+    @full_size_only
     def test_without_the_node_that_asked_for_it_a_run_ends(self):
         """The client is another process, and killed."""
         results = self.inbox("calibration/run_calibration/result", RunCalibrationActionResult)
@@ -155,6 +160,7 @@ class CalibrationFaults(CalibrationRig):
         self.assertIn("is gone or does not answer", results[-1].result.message)
         self.assert_rest(first)
 
+    @full_size_only
     def test_to_another_commander_it_leaves_the_arm(self):
         self.assertEqual(self.send_pressures([0, 0, 1e5]).outcome, TargetStatus.REACHED)
         self.send()

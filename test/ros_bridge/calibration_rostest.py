@@ -15,6 +15,7 @@ from calibration_rig import CalibrationRig  # noqa: E402
 from helix_arm.msg import ModelError, TargetStatus  # noqa: E402
 from helix_arm.srv import Calibrate, FitContraction, Reload  # noqa: E402
 from processes import SOURCE  # noqa: E402
+from test_size import full_size_only  # noqa: E402
 
 
 def read(path):
@@ -117,6 +118,7 @@ class Walk(Runs):
         self.assertGreater(np.linalg.norm(moved), 0.005)
 
 
+@full_size_only
 class LoopCalibration(Runs):
     RIG = {"arm.response": {"rise_time_constant_s": 0.3, "fall_time_constant_s": 0.6, "play_kpa": [8], "play_weight": [0.6]}}
 

@@ -11,6 +11,7 @@ from geometry_msgs.msg import WrenchStamped
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", "support"))
 from helix_arm.msg import ExternalLoad, FollowTipPathGoal, FollowTipPathResult, LoopStatus  # noqa: E402
 from loop_rig import BESIDE, MIDDLE, Inbox, LoopRig, call, goal_along, target_at  # noqa: E402
+from test_size import full_size_only  # noqa: E402
 
 ARMING = 12.0  # of pictures, and more than the loop asks for [s]
 DEADLINE = 60.0  # of a contact [s]
@@ -75,6 +76,7 @@ class Contact(LoopRig):
         self.push(0)
         self.assert_told(ExternalLoad.NONE)
 
+    @full_size_only
     def test_a_goal_that_is_to_stop_ends_with_contact(self):
         self.assert_begins(FollowTipPathGoal.STOP)
         self.push(0.8)

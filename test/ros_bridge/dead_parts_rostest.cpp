@@ -80,7 +80,7 @@ class DeadParts : public ::testing::TestWithParam<Line> {
   EmulatedRegulator regulator_{GetParam()};
   HardwareRig rig_{regulator_, nameOf(GetParam())};
 };
-INSTANTIATE_TEST_SUITE_P(, DeadParts, kEachLine, nameOfLine);
+INSTANTIATE_TEST_SUITE_P(, DeadParts, ::testing::ValuesIn(linesBySize(Line::kModbus)), nameOfLine);
 
 TEST_P(DeadParts, ASilentCommanderVentsTheArm) {
   rig_.fallSilent();

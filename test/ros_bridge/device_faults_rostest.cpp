@@ -112,7 +112,7 @@ TEST_P(DeviceFaults, EndVentedAndNothingMovesUntilEnabledAgain) {
 std::vector<Row> rows() {
   const Causes line = {"stale_reading", "regulator_lost"}, reading = {"not_following", "leak"};
   std::vector<Row> out;
-  for (const Line on : kLines) {
+  for (const Line on : linesBySize(Line::kSerial)) {
     const bool is_told = kindOf(on).names_unit;
     out.insert(out.end(), {{on, DeviceFault::kWrongUnit, is_told ? line : reading,
                             is_told ? kReadingTimeout : kOffCourse},
@@ -159,7 +159,7 @@ class AirFaults : public FaultMatrix, public ::testing::WithParamInterface<Line>
     rig_.expectNothingMovesUntilEnabled(kBefore);
   }
 };
-INSTANTIATE_TEST_SUITE_P(, AirFaults, kEachLine, nameOfLine);
+INSTANTIATE_TEST_SUITE_P(, AirFaults, ::testing::ValuesIn(linesBySize(Line::kSerial)), nameOfLine);
 
 TEST_P(AirFaults, ABurstMuscleIsALeak) {
   expectFault(DeviceFault::kBurst, "leak", "muscle_1", kSpikeTime);

@@ -47,9 +47,9 @@ class Flow(CommanderCase):
         self.assert_wait(lambda: self.tip_target.get_num_connections() > 0 and self.shape_target.get_num_connections() > 0)
         self.connect()
 
-    def assert_model_of_measured(self, model, tier):
+    def assert_model_of_measured(self, model, measured, tier):
         """It is the shape at the pressures of its measurement, inside the limits. These pressures."""
-        pressure = np.clip(self.measured.at(model.header.stamp).pressure, *self.scene.limits_pa.T)
+        pressure = np.clip(measured.pressure, *self.scene.limits_pa.T)
         expected = self.scene.forward(pressure)
         self.assertEqual((model.tier, model.sections), (tier, 1))
         np.testing.assert_allclose(model.twist, expected.twists[0], atol=1e-13)
@@ -79,9 +79,9 @@ class SpatialFlow(Flow):
     def test_the_model_is_the_shape_of_the_measured_pressures(self):
         self.send_pressures([3e5, 1e4, 1.2e5])
         for _ in range(20):
-            model = self.model.next()
+            model, measured = self.model.next_beside(self.measured)
             self.assertEqual(model.header.frame_id, "arm_base")
-            self.assert_model_of_measured(model, "linear")
+            self.assert_model_of_measured(model, measured, "linear")
 
     def test_tips_and_shapes_are_reached(self):
         tip = self.scene.tips([2e5, 5e4, 1e5])
@@ -143,9 +143,15 @@ class SpatialFlow(Flow):
         self.assert_wait(lambda: markers)
         for _ in range(10):
             # The other arm's have a prefix.
-            transforms = tf.next(lambda message: message.transforms[0].header.frame_id == "arm_base").transforms
-            model = self.model.at(transforms[0].header.stamp)
-            curve = self.scene.curve(self.assert_model_of_measured(model, "linear"), FRAMES)
+            model, measured = self.model.next_beside(self.measured)
+
+            def transforms_of_model():
+                return next((one.transforms for one in list(tf) if one.transforms[0].header.frame_id == "arm_base"
+                             and one.transforms[0].header.stamp == model.header.stamp), None)
+
+            self.assert_wait(transforms_of_model)
+            transforms = transforms_of_model()
+            curve = self.scene.curve(self.assert_model_of_measured(model, measured, "linear"), FRAMES)
             found = {one.child_frame_id: numbers(one.transform.translation, one.transform.rotation) for one in transforms}
             expected = {"model_%d" % k: numbers(curve.positions[k], curve.quaternions_xyzw[k]) for k in range(FRAMES)}
             expected["model_tip"] = numbers(model.tip.position, model.tip.orientation)
@@ -206,9 +212,9 @@ class PlanarFlow(Flow):
     def test_the_shape_is_the_planar_models_and_a_tip_in_the_plane_is_reached(self):
         self.send_pressures([2e5, 1e4])
         for _ in range(20):
-            model = self.model.next()
+            model, measured = self.model.next_beside(self.measured)
             self.assertEqual((model.header.frame_id, model.tip.position.z), ("flat_arm_base", 0))
-            self.assert_model_of_measured(model, "planar")
+            self.assert_model_of_measured(model, measured, "planar")
         tip = self.scene.tips([5e4, 2e5])
         np.testing.assert_allclose(self.scene.tips(self.reach(self.tip_target, TipTarget(pose=pose_of(tip)))), tip, atol=1e-6)
 

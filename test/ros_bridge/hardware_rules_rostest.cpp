@@ -45,7 +45,8 @@ class HardwareRules : public ::testing::TestWithParam<Line> {
   HardwareRig rig_{
       regulator_, kName, {"_scene_folder:=" + std::filesystem::temp_directory_path().string()}};
 };
-INSTANTIATE_TEST_SUITE_P(, HardwareRules, kEachLine, nameOfLine);
+INSTANTIATE_TEST_SUITE_P(, HardwareRules, ::testing::ValuesIn(linesBySize(Line::kModbus)),
+                         nameOfLine);
 
 TEST_P(HardwareRules, TargetsAloneDoNotEnable) {
   rig_.command(kPressures);
@@ -159,7 +160,7 @@ TEST_F(ClientOfTheLoop, ThatDiesWhileItsGoalIsCheckedLeavesNothingMoving) {
 }
 
 TEST_F(ClientOfTheLoop, ThatLivesIsServedToTheEndAndTheArmThenRests) {
-  follow(9, {"_hold_s:=0.5"});
+  follow(4, {"_hold_s:=0.5"});
   ASSERT_TRUE(arm_.isUnderWay()) << client_->outputNow() << loop_.outputNow();
   EXPECT_EQ(client_->exitCode(60), 0) << client_->output() << loop_.outputNow();
   EXPECT_TRUE(rig_.comesTo("disabled")) << rig_.safety.last().reason;

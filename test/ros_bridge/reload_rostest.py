@@ -51,11 +51,12 @@ class Reloading(CommanderCase):
 
     def assert_models(self, scene):
         """The model is the scene's at what was measured at the same time."""
-        def is_of_scene(model):
-            measured = self.measured.at(model.header.stamp).pressure
-            return np.allclose(model.twist, scene.forward(np.clip(measured, *scene.limits_pa.T)).twists.ravel(), 0, 1e-9)
+        def is_of_scene():
+            model, measured = self.model.next_beside(self.measured)
+            pressure = np.clip(measured.pressure, *scene.limits_pa.T)
+            return np.allclose(model.twist, scene.forward(pressure).twists.ravel(), 0, 1e-9)
 
-        self.assertTrue(self.model.next(is_of_scene))
+        self.assert_wait(is_of_scene)
 
     def test_another_stiffness_is_another_model_at_the_same_command(self):
         self.assertEqual(self.send_pressures([3e5, 0, 0]).outcome, TargetStatus.REACHED)

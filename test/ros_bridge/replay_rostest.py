@@ -12,8 +12,9 @@ from sensor_msgs.msg import CameraInfo
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", "support"))
 from helix_arm.msg import ArmShape  # noqa: E402
 from ros_case import RosCase  # noqa: E402
+from test_size import draws  # noqa: E402
 
-WANTED = 18  # measurements
+WANTED = draws(9, 18)  # measurements
 TOPICS = ("image/compressed", "camera_info", "model")
 LIVE = ["/live/" + topic for topic in TOPICS]
 

@@ -51,8 +51,7 @@ class Loop(CommanderCase):
         for pressure in ([2.5e5, 1e5, 0], [0, 1e5, 3e5]):
             self.assertEqual(self.send_pressures(pressure).outcome, TargetStatus.REACHED)
             for _ in range(12):
-                seen = self.seen.next()
-                truth = self.truth.at(seen.header.stamp)
+                seen, truth = self.seen.next_beside(self.truth)
                 self.assertTrue(self.info.at(seen.header.stamp))
                 self.assertEqual(truth.tier, "truth")
                 self.assertLess(distance(seen, truth), 0.005)

@@ -9,6 +9,7 @@
 #include <gtest/gtest.h>
 
 #include "statics/arms_under_load.hpp"
+#include "support/test_size.hpp"
 #include "support/tip_grid.hpp"
 
 namespace helix_arm::statics {
@@ -326,7 +327,7 @@ TEST(WorkspaceExtremes, NoRandomSearchFindsATipBeyondTheBoundOrBeyondACertifiedR
     EXPECT_TRUE(std::isfinite(found.reachBound()));
     for (int which = 0; which < WorkspaceExtremes::kCount; ++which) {
       const double extent = WorkspaceExtremes::extent(which, found.of(which).tip);
-      const double other = farthest(model, which, 40, 1e-4, random);
+      const double other = farthest(model, which, test::draws(6, 40), 1e-4, random);
       EXPECT_LE(extent, found.boundOf(which));
       EXPECT_LE(other, found.boundOf(which));
       EXPECT_LE(other, extent + 1e-3 * found.reach()) << which << " of case " << cases;
@@ -351,7 +352,9 @@ TEST(WorkspaceExtremes, UnderLoadNoRandomSearchFindsMuchMoreAndNothingIsCertifie
     EXPECT_EQ(found.reachBound(), std::numeric_limits<double>::infinity());
     for (int which = 0; which < WorkspaceExtremes::kCount; ++which) {
       const double extent = WorkspaceExtremes::extent(which, found.of(which).tip);
-      EXPECT_LE(farthest(model, which, 4, 1e-2, random), extent + 1e-3 * found.reach()) << which;
+      EXPECT_LE(farthest(model, which, test::draws(1, 4), 1e-2, random),
+                extent + 1e-3 * found.reach())
+          << which;
     }
   }
 }

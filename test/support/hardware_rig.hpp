@@ -7,13 +7,18 @@
 #include "support/emulated_regulator.hpp"
 #include "support/process.hpp"
 #include "support/ros_rig.hpp"
+#include "support/test_size.hpp"
 
 namespace helix_arm::test {
 
 inline std::string nameOfLine(const ::testing::TestParamInfo<Line>& line) {
   return nameOf(line.param);
 }
-inline const auto kEachLine = ::testing::ValuesIn(kLines);
+/// Each kind of line, by default the given one: the drivers have their own tests of what differs.
+inline std::vector<Line> linesBySize(Line by_default) {
+  return isFullSize() ? std::vector<Line>(std::begin(kLines), std::end(kLines))
+                      : std::vector<Line>{by_default};
+}
 
 /// Of a machine that is busy, beyond what a rule allows: tells late from never. How late it is, is
 /// a figure [s].

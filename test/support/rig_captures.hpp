@@ -5,15 +5,16 @@
 #include "helix_arm/procedures/settle_watch.hpp"
 namespace helix_arm::test {
 
-/// What the detector sees of a rig with a camera at rest at each of these pressures (steps x
-/// actuators) [Pa], as the calibration takes it: the median of a few pictures and of many readings.
-inline std::vector<io::TagCornerCapture> photograph(const io::Scene& scene,
-                                                    simulation::SimulatedRig& rig,
-                                                    const Eigen::MatrixXd& plan) {
+/// What a camera sees of a rig at rest at each of these pressures (steps x actuators) [Pa], as the
+/// calibration takes it: the median of a few pictures and of many readings.
+/// @param look  called for each picture, returns its tags as
+/// std::vector<procedures::TagObservation>.
+template <class Look>
+std::vector<io::TagCornerCapture> photograph(const io::Scene& scene, simulation::SimulatedRig& rig,
+                                             const Eigen::MatrixXd& plan, const Look& look) {
   constexpr int kPictures = 3;                      // at each pressure
   constexpr int kReadings = 100;                    // of the pressures
   constexpr double kSettling = 3.0, kPause = 0.01;  // [s]
-  vision::TagDetector detector(scene.vision.detector);
   std::vector<io::TagCornerCapture> captures;
   for (int step = 0; step < plan.rows(); ++step) {
     rig.command(plan.row(step).transpose());
@@ -25,11 +26,7 @@ inline std::vector<io::TagCornerCapture> photograph(const io::Scene& scene,
         pressure += rig.measure() / kReadings;
         rig.step(kPause);
       }
-      procedures::Sample sample{0, pressure, {}};
-      for (const vision::TagDetection& tag : detector.detect(rig.render())) {
-        if (scene.tags->find(tag.id) >= 0) sample.tags.push_back({tag.id, tag.corners});
-      }
-      samples.push_back(std::move(sample));
+      samples.push_back({0, pressure, look()});
     }
     const procedures::Sample median = procedures::medianOf(samples);
     io::TagCornerCapture capture{step + 1, scene.arm.clamped(median.pressure), {}};
@@ -39,6 +36,20 @@ inline std::vector<io::TagCornerCapture> photograph(const io::Scene& scene,
     captures.push_back(std::move(capture));
   }
   return captures;
+}
+
+/// The same with what the detector finds in rendered pictures.
+inline std::vector<io::TagCornerCapture> photograph(const io::Scene& scene,
+                                                    simulation::SimulatedRig& rig,
+                                                    const Eigen::MatrixXd& plan) {
+  vision::TagDetector detector(scene.vision.detector);
+  return photograph(scene, rig, plan, [&] {
+    std::vector<procedures::TagObservation> seen;
+    for (const vision::TagDetection& tag : detector.detect(rig.render())) {
+      if (scene.tags->find(tag.id) >= 0) seen.push_back({tag.id, tag.corners});
+    }
+    return seen;
+  });
 }
 
 }  // namespace helix_arm::test

@@ -36,6 +36,18 @@ class Inbox(list):
         wait_for(lambda: any(one.target_stamp == stamp for one in self[first:]), deadline)
         return next((one for one in self[first:] if one.target_stamp == stamp), TargetStatus(outcome=255))
 
+    def next_beside(self, other, deadline=60):
+        """Waits for one that came after this call and for one of another topic with the same stamp: a busy machine may drop some of
+        either. Both; None when none came."""
+        first = len(self)
+
+        def pairs():
+            known = {one.header.stamp: one for one in list(other)}
+            return [(one, known[one.header.stamp]) for one in self[first:] if one.header.stamp in known]
+
+        wait_for(pairs, deadline)
+        return next(iter(pairs()), None)
+
     def at(self, stamp):
         """Waits for one with this stamp, which may have come already."""
         wait_for(lambda: any(one.header.stamp == stamp for one in self))

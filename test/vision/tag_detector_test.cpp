@@ -5,6 +5,7 @@
 #include "support/expect_refusal.hpp"
 #include "support/random.hpp"
 #include "support/tag_picture.hpp"
+#include "support/test_size.hpp"
 
 namespace helix_arm::test {
 namespace {
@@ -52,7 +53,7 @@ TEST_P(EveryFamily, TagsAreFoundWithTheirCornersInReadingOrder) {
   Random random(11);
   for (const double decimate : {1.0, 1.5, 2.0}) {
     TagDetector detector(configOf(GetParam(), decimate));
-    for (int round = 0; round < 8; ++round) {
+    for (int round = 0; round < test::draws(3, 8); ++round) {
       const int id = random.integer(0, family.count() - 1);
       const double cell = 9;
       const Corners corners = aslant(random, cell * family.borderCells());
@@ -82,11 +83,13 @@ struct CornerError {
   double rms = 0;
 };
 
+const int kRounds = test::draws(20, 60);
+
 CornerError cornerError(double decimate, bool refine) {
   TagDetector detector(configOf("36h11", decimate, refine));
   Random random(5);
   CornerError error;
-  for (int round = 0; round < 60; ++round) {
+  for (int round = 0; round < kRounds; ++round) {
     const Corners corners = aslant(random, random.uniform(40, 90));
     cv::Mat picture = paper();
     drawTag(detector.family(), detector.family().cells(round), corners, picture);
@@ -108,7 +111,7 @@ TEST(TagDetector, CornersAreGoodToAFewHundredthsOfAPixelAndNotBiased) {
   for (const double decimate : {1.0, 1.5, 2.0, 3.0}) {
     SCOPED_TRACE(decimate);
     const CornerError refined = cornerError(decimate, true), plain = cornerError(decimate, false);
-    EXPECT_GE(refined.found, decimate < 3 ? 60 : 50);
+    EXPECT_GE(refined.found, decimate < 3 ? kRounds : kRounds * 5 / 6);
     EXPECT_LT(refined.mean.cwiseAbs().maxCoeff(), 0.01);
     EXPECT_LT(refined.rms, 0.03);
     EXPECT_LT(refined.rms, plain.rms / 3);
@@ -279,7 +282,7 @@ TEST(TagDetector, NothingIsPrinted) {
   Random random(3);
   for (const double decimate : {1.0, 1.5, 2.0, 4.0}) {
     TagDetector detector(configOf("36h11", decimate));
-    for (int round = 0; round < 60; ++round) {
+    for (int round = 0; round < kRounds; ++round) {
       const int grain = random.integer(1, 15);  // noise of all sizes, which is full of false quads
       cv::Mat noise(200 / grain + 1, 260 / grain + 1, CV_8UC1);
       for (auto& pixel : cv::Mat_<std::uint8_t>(noise)) {

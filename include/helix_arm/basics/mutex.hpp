@@ -8,9 +8,8 @@
 /// Annotations for Clang's thread-safety analysis (-Wthread-safety):
 /// https://clang.llvm.org/docs/ThreadSafetyAnalysis.html. They are empty for other compilers.
 ///
-/// The test `thread_safety_test` runs the analysis. It works per function: it checks neither
-/// constructors nor destructors, and a lambda does not inherit the locks of the function that
-/// contains it.
+/// scripts/lint runs the analysis. It works per function: it checks neither constructors nor
+/// destructors, and a lambda does not inherit the locks of the function that contains it.
 
 #if defined(__clang__)
 #define HELIX_ARM_THREAD_ANNOTATION(attribute) __attribute__((attribute))
