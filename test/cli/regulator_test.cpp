@@ -108,6 +108,15 @@ TEST(RegulatorProbe, ReportsWhichChannelsAnswerAndHowOften) {
   EXPECT_EQ(std::stod(rows[3][2]), 0.0);
 }
 
+TEST(RegulatorProbe, TextSaysThatConnectingVents) {
+  EmulatedDevice device(deviceConfig());
+  fill(device);
+  const Outcome outcome = run(device.port(), {"probe", "--seconds", "0.2"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_TRUE(has(outcome.out, "connected, which vents; nothing else was written"));
+  EXPECT_EQ(device.setPoint().maxCoeff(), 0);
+}
+
 TEST(RegulatorProbe, WhoDoesNotAnswerIsNamed) {
   const int port = freePort();
   const Outcome refused = run(port, {"probe", "--format", "json"});

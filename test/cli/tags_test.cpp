@@ -408,12 +408,14 @@ TEST(Tags, ABoardWithASceneIsOnePageMore) {
   EXPECT_EQ(Printed({"--board", "tags", scenePath("demo")}).pages.size(), both.pages.size());
 }
 
-TEST(Tags, JsonTellsWhatWasPrinted) {
+TEST(Tags, FormatsTellWhatWasPrinted) {
   const TemporaryFolder folder;
   const std::string out = folder / "tags.pdf";
-  const json demo =
-      runCommand({"tags", "--out", out, scenePath("helical_50"), "--board", "--format", "json"})
-          .json();
+  const auto printed = [&](std::vector<std::string> more) {
+    more.insert(more.begin(), {"tags", "--out", out});
+    return runCommand(more);
+  };
+  const json demo = printed({scenePath("helical_50"), "--board", "--format", "json"}).json();
   EXPECT_EQ(demo["scene"], "helical_50");
   EXPECT_EQ(demo["family"], "36h11");
   EXPECT_EQ(demo["size_m"], 0.031);
@@ -427,6 +429,13 @@ TEST(Tags, JsonTellsWhatWasPrinted) {
   EXPECT_EQ(demo["paper"], "a4");
   EXPECT_EQ(demo["pages"], 3);
   EXPECT_EQ(demo["out"], out);
+  const json board = printed({"--board", "--paper", "letter", "--format", "json"}).json();
+  EXPECT_TRUE(board["scene"].is_null() && board["family"].is_null() && board["size_m"].is_null());
+  EXPECT_EQ(board["ids"], json::array());
+  EXPECT_EQ(board["paper"], "letter");
+  EXPECT_EQ(board["pages"], 1);
+  EXPECT_EQ(printed({scenePath("demo"), "--format", "csv"}).out,
+            "scene,tags,size_m,board,paper,pages,out\ndemo,21,0.031,0,a4,3," + out + "\n");
 }
 
 }  // namespace

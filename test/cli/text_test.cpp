@@ -85,5 +85,10 @@ TEST(Text, WordsFromOutsideMakeNoLineOfTheirOwn) {
   EXPECT_EQ(textOf({{"file", "a\nerror: forged"}}).find("\nerror"), std::string::npos);
 }
 
+TEST(Text, KeysAreLeftOutAtAnyDepth) {
+  EXPECT_EQ(cli::without({{"a", 1}, {"b", {{"a", 2}, {"c", {{{"a", 3}, {"d", 4}}}}}}}, {"a"}),
+            (json{{"b", {{"c", {{{"d", 4}}}}}}}));
+}
+
 }  // namespace
 }  // namespace helix_arm::test

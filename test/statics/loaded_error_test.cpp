@@ -227,7 +227,7 @@ TEST(LoadedError, ConvergedIsOnTheBranchOfExactForLongArms) {
               stepped, refused);
   EXPECT_GT(far, 2.5 * scenes);
   EXPECT_GT(stepped, 6 * scenes);
-  EXPECT_GT(refused, test::draws(-1, 0));  // rare
+  EXPECT_TRUE(refused > 0 || !test::isFullSize()) << "it is rare";
 }
 
 // Orders 3 and 4 come to rest on a stable shape whose tip is 29 % of the length from that of the

@@ -34,7 +34,7 @@ class KrylovSpace {
   /// (size) unit vector whose image is to be added next.
   const auto& motion() const { return basis_[known_]; }
   void add(const Eigen::Ref<const Eigen::VectorXd>& image);
-  /// Those of the map in the complete space; the largest is infinite if they are not finite.
+  /// Eigenvalues of the map in the complete space; the largest is infinite if they are not finite.
   Range eigenvalues() const;
 
  private:
