@@ -1,7 +1,6 @@
 #include "calibration_fit.hpp"
 
-#include <Eigen/Eigenvalues>
-#include <Eigen/LU>
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 #include <iomanip>
@@ -13,6 +12,11 @@
 
 namespace helix_arm::estimation {
 namespace {
+
+// Of a positive definite matrix.
+Eigen::MatrixXd inverseOf(const Eigen::MatrixXd& matrix) {
+  return matrix.llt().solve(Eigen::MatrixXd::Identity(matrix.rows(), matrix.cols()));
+}
 
 // The captures identify a parameter if they reduce the variance of its prior by this fraction.
 constexpr double kLeastGain = 0.75;
@@ -255,8 +259,7 @@ std::vector<Split> splitsOf(const Eigen::MatrixXd& information, double prior_var
     std::vector<int> held;
     for (int e = 0; e < entries; ++e) (mask >> e & 1 ? split.fitted : held).push_back(e);
     if (!split.fitted.empty()) {
-      const Eigen::MatrixXd covariance =
-          Eigen::MatrixXd(information(split.fitted, split.fitted)).inverse();
+      const Eigen::MatrixXd covariance = inverseOf(information(split.fitted, split.fitted));
       const Eigen::MatrixXd shift = covariance * information(split.fitted, held);
       const Eigen::MatrixXd total = covariance + prior_variance * shift * shift.transpose();
       split.entropy = total.diagonal().array().log().sum();
@@ -326,20 +329,20 @@ HeldTest testHeld(const FitParameterInfo& info, const std::vector<ArmCaptures>& 
       deviation.asDiagonal();
   const Eigen::VectorXd score =
       -deviation.cwiseProduct(gradient(own) - cross.transpose() * rest.solve(gradient(others)));
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> axes(posterior);
+  const PrincipalAxes axes = principalAxes(posterior);
   HeldTest out;
   out.info = &info;
   double square = 0;
   int directions = 0;
   for (Eigen::Index j = 0; j < size; ++j) {
-    const double information = axes.eigenvalues()[j] - 1;
+    const double information = axes.eigenvalues[j] - 1;
     if (information < kLeastTold) continue;
-    square += std::pow(axes.eigenvectors().col(j).dot(score), 2) / information;
+    square += std::pow(axes.eigenvectors.col(j).dot(score), 2) / information;
     ++directions;
   }
   if (directions > 0) out.probability = tailOfF(square / directions, directions, fit.freedom);
   const ParameterInfo& first = infos[own.front()];
-  const Eigen::MatrixXd covariance = posterior.inverse();
+  const Eigen::MatrixXd covariance = inverseOf(posterior);
   out.initial = first.initial;
   out.value = deviation.cwiseProduct(covariance * score);
   out.error = deviation.cwiseProduct(covariance.diagonal().cwiseSqrt());
@@ -423,7 +426,7 @@ CalibrationFit fitIdentified(const std::vector<ArmCaptures>& arms,
   const std::optional<Jackknife> asked_left_out = first.fit.asked_left_out;
   CalibrationFit last = std::move(first.fit);
   for (const Split& split :
-       splitsOf(first.marginal.inverse(), options.stiffness_prior * options.stiffness_prior)) {
+       splitsOf(inverseOf(first.marginal), options.stiffness_prior * options.stiffness_prior)) {
     if (split.fitted.empty() && !hasOthers(wanted)) break;
     Selection selection = wanted;
     selection.stiffness.clear();
@@ -456,10 +459,10 @@ Eigen::MatrixXd stiffnessErrors(const std::vector<ArmCaptures>& arms,
           .topLeftCorner(entries, entries);
   const Values reported = valuesAmong(asked, *fit.problem);
   Eigen::VectorXd mean = optimum - reported.stiffness;
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> axes(own.topLeftCorner(entries, entries));
+  const PrincipalAxes axes = principalAxes(own.topLeftCorner(entries, entries));
   for (Eigen::Index j = 0; j < entries; ++j) {
-    const double variance = axes.eigenvalues()[j];
-    const Eigen::VectorXd axis = axes.eigenvectors().col(j);
+    const double variance = axes.eigenvalues[j];
+    const Eigen::VectorXd axis = axes.eigenvectors.col(j);
     // Along one parameter there is no valley that could bend into others.
     const auto mixed = (axis.array().abs() >= kLeastMix).count();
     if (variance < kSharp * kSharp || mixed < 2) continue;
@@ -510,7 +513,7 @@ double usualScale(const std::vector<ArmCaptures>& read, const CalibrationOptions
 CurveTest testCurve(const CalibrationFit& fit) {
   const Eigen::VectorXd& deviation = fit.problem->values().curve;
   const Eigen::Index size = deviation.size(), all = fit.covariance.rows();
-  const Eigen::MatrixXd by_noise = fit.information.inverse();
+  const Eigen::MatrixXd by_noise = inverseOf(fit.information);
   const Eigen::VectorXd prior = fit.problem->priorInformation().head(all);
   const Eigen::MatrixXd by_captures =
       (by_noise - by_noise * prior.asDiagonal() * by_noise).bottomRightCorner(size, size);
@@ -518,13 +521,13 @@ CurveTest testCurve(const CalibrationFit& fit) {
   // what is not fitted.
   const Eigen::MatrixXd moved = Eigen::MatrixXd::Identity(size, size) +
                                 (fit.covariance - 2 * by_noise).bottomRightCorner(size, size);
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> axes(moved);
+  const PrincipalAxes axes = principalAxes(moved);
   CurveTest out{0, 0, 1};
   double estimated = 0;  // share of the variance that comes from the noise of the captures
   for (Eigen::Index j = 0; j < size; ++j) {
-    const double variance = axes.eigenvalues()[j];
+    const double variance = axes.eigenvalues[j];
     if (variance < kLeastTold) continue;
-    const Eigen::VectorXd axis = axes.eigenvectors().col(j);
+    const Eigen::VectorXd axis = axes.eigenvectors.col(j);
     out.chi_square += std::pow(axis.dot(deviation), 2) / variance;
     estimated += axis.dot(by_captures * axis) / variance;
     ++out.directions;

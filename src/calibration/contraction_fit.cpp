@@ -1,7 +1,6 @@
 #include "helix_arm/calibration/contraction_fit.hpp"
 
 #include <Eigen/Cholesky>
-#include <Eigen/LU>
 #include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
@@ -27,7 +26,9 @@ Eigen::MatrixXd bendsOf(const std::vector<double>& knots) {
     left.row(i).segment<3>(i - 1) << before / 6, (before + after) / 3, after / 6;
     right.row(i).segment<3>(i - 1) << 1 / before, -1 / before - 1 / after, 1 / after;
   }
-  return left.partialPivLu().solve(right);
+  // The bend at the first knot is 0, so that its column does not count; the others are symmetric.
+  left.col(0).tail(n - 1).setZero();
+  return left.llt().solve(right);
 }
 
 std::vector<double> quantilesOf(const std::vector<double>& pressures) {
@@ -214,7 +215,7 @@ Constrained solveConstrained(const Matrix6& R, const Coefficients& z,
     tight.push_back(worst);
     for (;;) {
       const auto count = static_cast<Eigen::Index>(tight.size());
-      Eigen::Matrix<double, kCoefficients, Eigen::Dynamic> columns(kCoefficients, count);
+      Eigen::MatrixXd columns(kCoefficients, count);
       Eigen::VectorXd target(count);
       for (Eigen::Index k = 0; k < count; ++k) {
         columns.col(k) = Mt.col(tight[k]);
@@ -223,8 +224,8 @@ Constrained solveConstrained(const Matrix6& R, const Coefficients& z,
       // Shortest x that meets all active constraints, x = columns * wanted.
       const Eigen::CompleteOrthogonalDecomposition<Eigen::MatrixXd> rows(columns.transpose());
       const Eigen::CompleteOrthogonalDecomposition<Eigen::MatrixXd> combination(columns);
-      x = rows.solve(target);
-      const Eigen::VectorXd wanted = combination.solve(x);
+      const Eigen::VectorXd shortest = rows.solve(target), wanted = combination.solve(shortest);
+      x = shortest;
       double step = 1.0;
       Eigen::Index blocking = -1;
       for (Eigen::Index k = 0; k < count; ++k) {

@@ -1,7 +1,6 @@
 #include "helix_arm/localization/camera_placement.hpp"
 
 #include <Eigen/Cholesky>
-#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 
@@ -96,7 +95,7 @@ class PlacementProblem {
 
   double cost(const FitPoint& at) const { return evaluated(at).first.cost; }
   basics::DenseEquations linearise(const FitPoint& at) const {
-    const System system = evaluated(at).second;
+    const NormalEquations system = evaluated(at).second;
     return {system.hessian.selfadjointView<Eigen::Lower>(), system.gradient};
   }
   FitPoint moved(const FitPoint& from, const Eigen::VectorXd& step) const {
@@ -108,7 +107,7 @@ class PlacementProblem {
   // The result at an estimate.
   void describe(const FitPoint& estimate, CameraPlacement& out) const {
     const auto [at, system] = evaluated(estimate);
-    System priors = system;
+    NormalEquations priors = system;
     double square = equations_.addPriors<LooseCorners>(at, priors), fitted = 0;
     int tags = 0;
     for (std::size_t i = 0; i < seen_.size(); ++i) {
@@ -135,7 +134,10 @@ class PlacementProblem {
     const double freedom = static_cast<double>(kRows * tags) - lie::SE3::kDof;
     const double grown = freedom > 0 ? std::max(1.0, square / freedom) : 1.0;
     const int base = 6 * equations_.sections();
-    out.covariance = grown * linearise(at).hessian.inverse().block<6, 6>(base, base);
+    const Eigen::MatrixXd hessian = linearise(at).hessian;
+    const Eigen::MatrixXd inverse =
+        hessian.ldlt().solve(Eigen::MatrixXd::Identity(hessian.rows(), hessian.cols()));
+    out.covariance = grown * inverse.block<6, 6>(base, base);
     out.covariance = 0.5 * (out.covariance + out.covariance.transpose()).eval();
     if (2 * tags <= static_cast<int>(seen_.size()) && out.status == PlacementStatus::kPlaced) {
       out.status = PlacementStatus::kUnexplained;
@@ -143,8 +145,6 @@ class PlacementProblem {
   }
 
  private:
-  using System = NormalEquations<Eigen::Dynamic>;
-
   static TwistFitOptions fitOptions(const CameraPlacementOptions& options) {
     TwistFitOptions fit;
     fit.corner_noise = options.corner_noise;
@@ -161,8 +161,8 @@ class PlacementProblem {
     return corners_.CornerModel::evaluate(seen, X_B0T, equations_.layout().corners(at.bleed), rows);
   }
 
-  std::pair<FitPoint, System> evaluated(FitPoint at) const {
-    System system;
+  std::pair<FitPoint, NormalEquations> evaluated(FitPoint at) const {
+    NormalEquations system;
     equations_.evaluate(corners_, seen_, -1, at, system);
     return {std::move(at), std::move(system)};
   }

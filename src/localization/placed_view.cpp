@@ -41,7 +41,7 @@ std::optional<Eigen::MatrixXd> errorsOfFit(const PlacedView& placed, const model
   std::vector<CornerObservation> seen;
   seen.reserve(tags.size());
   for (const int tag : tags) seen.push_back(observe(placed.view, point.shape, tag));
-  NormalEquations<Eigen::Dynamic> system;
+  NormalEquations system;
   equations.evaluate(corners, seen, -1, point, system);
   if (!std::isfinite(point.cost)) return std::nullopt;
 

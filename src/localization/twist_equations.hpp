@@ -176,12 +176,12 @@ struct FitPoint {
   std::vector<double> squares;  ///< per tag: sum of squared residuals, in expected variances
 };
 
-/// Normal equations of all parameters: twists, base, bleed.
-template <int kSize>
+/// Normal equations of all parameters: twists, base, bleed. Their number is known at run time only:
+/// each fixed size would compile for half a minute, and fit eight tags 2 % faster.
 struct NormalEquations {
-  static constexpr int kMax = kSize == Eigen::Dynamic ? kMaxParameters : kSize;
-  using Vector = Eigen::Matrix<double, kSize, 1, Eigen::ColMajor, kMax, 1>;
-  using Matrix = Eigen::Matrix<double, kSize, kSize, Eigen::ColMajor, kMax, kMax>;
+  using Vector = Eigen::Matrix<double, Eigen::Dynamic, 1, Eigen::ColMajor, kMaxParameters, 1>;
+  using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor,
+                               kMaxParameters, kMaxParameters>;
   Vector gradient;
   Matrix hessian;  ///< lower triangle
 };
@@ -219,13 +219,7 @@ class TwistEquations {
     noise_scale_ = 1;
   }
   /// Sets what is known of base and bleed where they are free. The covariance is positive definite.
-  void know(const RigEstimate& rig) {
-    rig_ = rig;
-    both_information_ = rig.covariance.inverse();
-    base_information_.setZero();
-    base_information_.topLeftCorner<kBaseParameters, kBaseParameters>() =
-        rig.covariance.topLeftCorner<kBaseParameters, kBaseParameters>().inverse();
-  }
+  void know(const RigEstimate& rig);
   const RigEstimate& rig() const { return rig_; }
   const model::Twists& prior() const { return prior_; }
   /// Sets the factor on the tags' expected errors.
@@ -286,9 +280,9 @@ class TwistEquations {
   /// Computes a point's cost (infinite if a tag is behind the camera), residuals, normal equations.
   ///
   /// @param skipped  index in `seen` of a tag to omit, or -1.
-  template <class Model, int kSize>
+  template <class Model>
   void evaluate(const Model& model, const std::vector<typename Model::Observation>& seen,
-                int skipped, FitPoint& point, NormalEquations<kSize>& system) {
+                int skipped, FitPoint& point, NormalEquations& system) {
     const int size = parameters<Model>();
     system.gradient.setZero(size);
     system.hessian.setZero(size, size);
@@ -341,52 +335,16 @@ class TwistEquations {
     const lie::SE3 X_B0T = poseOf(tag, place, point.shape);
     typename Model::Rows rows;
     model.evaluate(seen, X_B0T, layout_.corners(point.bleed), rows);
-    const auto J = jacobian<Eigen::Dynamic, Model>(tag.section, place, rows, point.shape);
+    const auto J = jacobian<Model>(tag.section, place, rows, point.shape);
     Eigen::MatrixXd out(J.cols(), 6);
     out << J.transpose() * rows.by_v, J.transpose() * rows.by_w;
     return out / model.excess(worse_[seen.tag], X_B0T);
   }
 
   /// Adds the priors' equations; returns their cost.
-  template <class Model, int kSize>
-  double addPriors(const FitPoint& point, NormalEquations<kSize>& system) const {
-    double cost = 0;
-    for (int entry = 0; entry < 6 * sections_; ++entry) {
-      const double precision = 1 / modelDeviation(entry);
-      const double residual =
-          held(entry) ? 0 : precision * (point.twists.data()[entry] - prior_.data()[entry]);
-      cost += residual * residual;
-      system.hessian(entry, entry) += precision * precision;
-      system.gradient[entry] += precision * residual;
-    }
-    if (options_.free_base) {
-      // What is known is of log X_B0B; a step multiplies X_B0B from the right.
-      const bool both = bleeds<Model>();
-      const RigEstimate::Matrix& information = both ? both_information_ : base_information_;
-      RigEstimate::Vector residual = -rig_.mean;
-      residual.head<kBaseParameters>() += point.base_offset;
-      residual[kBaseParameters] = both ? residual[kBaseParameters] + point.bleed : 0.0;
-      RigEstimate::Matrix rows = RigEstimate::Matrix::Identity();
-      rows.topLeftCorner<kBaseParameters, kBaseParameters>() =
-          lie::SE3::rightJacobianInverse(point.base_offset);
-      const RigEstimate::Vector weighted = information * residual;
-      cost += residual.dot(weighted);
-      const RigEstimate::Matrix hessian = rows.transpose() * information * rows;
-      const RigEstimate::Vector gradient = rows.transpose() * weighted;
-      const int count = kBaseParameters + (both ? 1 : 0), first = baseColumn();
-      for (int i = 0; i < count; ++i) {
-        system.gradient[first + i] += gradient[i];
-        for (int k = 0; k < count; ++k) system.hessian(first + i, first + k) += hessian(i, k);
-      }
-    } else if (bleeds<Model>()) {
-      const int b = bleedColumn();
-      const double information = 1 / rig_.covariance(kBaseParameters, kBaseParameters);
-      const double residual = point.bleed - rig_.mean[kBaseParameters];
-      cost += information * residual * residual;
-      system.hessian(b, b) += information;
-      system.gradient[b] += information * residual;
-    }
-    return cost;
+  template <class Model>
+  double addPriors(const FitPoint& point, NormalEquations& system) const {
+    return addPriors(point, bleeds<Model>(), system.gradient, system.hessian);
   }
 
  private:
@@ -395,22 +353,11 @@ class TwistEquations {
 
   int baseColumn() const { return 6 * sections_; }
   int bleedColumn() const { return 6 * sections_ + (options_.free_base ? kBaseParameters : 0); }
+  double addPriors(const FitPoint& point, bool bleeds, Eigen::Ref<Eigen::VectorXd> gradient,
+                   Eigen::Ref<Eigen::MatrixXd> hessian) const;
   // By how much each tag's place is known worse than that of the best one: a calibration's errors
   // do not average out, so a tag that it did not see must not count like the others.
-  void weighTags() {
-    worse_.assign(layout_.tags.size(), 0.0);
-    double least = std::numeric_limits<double>::infinity();
-    const int base_tag = layout_.baseTag();
-    for (std::size_t i = 0; i < worse_.size(); ++i) {
-      const lie::Vector6& error = layout_.tags[i].error;
-      // Variance of a corner along one axis, in the mean over the axes.
-      worse_[i] = (error.head<3>().squaredNorm() +
-                   layout_.size * layout_.size / 3 * error.tail<3>().squaredNorm()) /
-                  3;
-      if (static_cast<int>(i) != base_tag) least = std::min(least, worse_[i]);
-    }
-    for (double& variance : worse_) variance = std::sqrt(std::max(0.0, variance - least));
-  }
+  void weighTags();
 
   template <class Model>
   bool bleeds() const {
@@ -424,12 +371,12 @@ class TwistEquations {
   }
 
   // Derivative of one tag's residuals by all parameters.
-  template <int kSize, class Model>
+  template <class Model>
   auto jacobian(int k, const PiecePlace& place, const typename Model::Rows& rows,
                 const model::Shape& shape) const {
     constexpr int kRows = Model::Rows::kCount;
     using Jacobian =
-        Eigen::Matrix<double, kRows, kSize, Eigen::ColMajor, kRows, NormalEquations<kSize>::kMax>;
+        Eigen::Matrix<double, kRows, Eigen::Dynamic, Eigen::ColMajor, kRows, kMaxParameters>;
     Jacobian J = Jacobian::Zero(kRows, parameters<Model>());
     for (int j = 0; j < k; ++j) movers_[j].fill(rows, 6 * j, J);
     Mover mover(starts_[place.piece], shape.pieces().col(place.piece), place.s);
@@ -449,10 +396,10 @@ class TwistEquations {
   }
 
   // Adds one tag's equations.
-  template <class Model, int kSize>
+  template <class Model>
   void accumulate(int k, const PiecePlace& place, double weight, const typename Model::Rows& rows,
-                  const model::Shape& shape, NormalEquations<kSize>& system) const {
-    const auto J = jacobian<kSize, Model>(k, place, rows, shape);
+                  const model::Shape& shape, NormalEquations& system) const {
+    const auto J = jacobian<Model>(k, place, rows, shape);
     const int size = static_cast<int>(system.gradient.size());
     for (int column = 0; column < size; ++column) {
       const Eigen::Matrix<double, Model::Rows::kCount, 1> weighted = weight * J.col(column);
@@ -479,6 +426,26 @@ class TwistEquations {
   std::vector<Mover> movers_;     // of what lies beyond each section except the last
   Mover base_mover_{lie::SE3()};  // of the whole arm
 };
+
+/// Fills in the results that follow from the equations at the end of a search: outliers, RMS,
+/// covariances, and the status if the tags do not explain or determine the twists.
+///
+/// @param residuals  number per tag. @param threshold  of outliers. @param at  end of the search.
+/// @param hessian  (parameters x parameters, lower triangle) of the normal equations there.
+/// @param priors   (parameters x parameters) the priors' part of it.
+void reportStatistics(const TwistEquations& equations, double residuals, double threshold,
+                      const FitPoint& at, const Eigen::Ref<const Eigen::MatrixXd>& hessian,
+                      const Eigen::Ref<const Eigen::MatrixXd>& priors, TwistFit& result);
+
+/// Covariance of the tip's position seen from B0, due to that of the twists followed by the base.
+Eigen::Matrix3d tipCovarianceOf(const lie::SE3& X_B0B, const model::Shape& shape, bool free_base,
+                                const Eigen::Ref<const Eigen::MatrixXd>& covariance);
+
+/// Second moment of what the tip's path adds to its linear motion, where it bends within the errors
+/// of the twists and the base: with the even part q_i of its motion along each principal direction
+/// of the covariance, E[(sum q_i z_i^2)(sum q_i z_i^2)'] for independent standard normal z_i.
+Eigen::Matrix3d tipCurvatureOf(const lie::SE3& X_B0B, const model::Shape& shape, bool free_base,
+                               const Eigen::Ref<const Eigen::MatrixXd>& covariance);
 
 /// Rigid motion [v; w] of a tag per displacement of movedBy(), about the base's origin (6 x 6).
 inline lie::Matrix6 motionsOf(const TagPlacement& tag, double rest_length,

@@ -91,7 +91,7 @@ class LinearFit {
   std::vector<int> tags_;
   std::vector<CornerObservation> seen_;
   FitPoint point_;
-  NormalEquations<Eigen::Dynamic> system_;
+  NormalEquations system_;
   Eigen::LLT<Eigen::MatrixXd> factors_;
 };
 

@@ -35,4 +35,11 @@ struct Gaussian {
 /// @param below  >= 1; for 4 and more, tails of 0.1 % and more are right to a fifth of their size.
 double tailOfF(double ratio, double above, double below);
 
+/// Eigenvalues of a symmetric matrix, in ascending order, and its eigenvectors, one per column.
+struct PrincipalAxes {
+  Eigen::VectorXd eigenvalues;
+  Eigen::MatrixXd eigenvectors;
+};
+PrincipalAxes principalAxes(const Eigen::MatrixXd& symmetric);
+
 }  // namespace helix_arm::estimation

@@ -4,7 +4,6 @@
 #include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <Eigen/LU>
-#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -49,7 +48,8 @@ int unstableMotions(const Eigen::Matrix<double, 3, 6>& rows, const Matrix6& Phi)
   const Matrix3d S = by_moment.transpose() * (Phi.bottomRightCorner<3, 3>() + rest * by_moment);
   if (!S.allFinite()) return 0;
   const Vector3d eigenvalues =
-      Eigen::SelfAdjointEigenSolver<Matrix3d>(0.5 * (S + S.transpose())).eigenvalues();
+      Eigen::SelfAdjointEigenSolver<Matrix3d>(0.5 * (S + S.transpose()), Eigen::EigenvaluesOnly)
+          .eigenvalues();
   return static_cast<int>(
       (eigenvalues.array() < -kNegative * eigenvalues.cwiseAbs().maxCoeff()).count());
 }
@@ -227,10 +227,18 @@ class MultipleShooting {
     for (int j = count - 1; j >= 0; --j) {
       right -= rows * shot.defect[j];
       step.unstable += unstableMotions(rows, shot.Phi[j]);
-      const Eigen::HouseholderQR<Eigen::Matrix<double, 6, 3>> qr((rows * shot.Phi[j]).transpose());
-      const Matrix3d L = qr.matrixQR().topRows<3>().triangularView<Eigen::Upper>().transpose();
-      rows = (qr.householderQ() * Eigen::Matrix<double, 6, 3>::Identity()).transpose();
-      right = L.triangularView<Eigen::Lower>().solve(right);
+      rows *= shot.Phi[j];
+      for (int k = 0; k < 3; ++k) {
+        // Gram-Schmidt twice, which is orthonormal to rounding; Eigen's QR compiles for seconds.
+        for (int i = 0; i < 2 * k; ++i) {
+          const double along = rows.row(i % k).dot(rows.row(k));
+          rows.row(k) -= along * rows.row(i % k);
+          right[k] -= along * right[i % k];
+        }
+        const double length = rows.row(k).norm();
+        rows.row(k) /= length;
+        right[k] /= length;
+      }
       P[j] = rows;
       c[j] = right;
     }

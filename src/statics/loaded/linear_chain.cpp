@@ -7,6 +7,12 @@
 namespace helix_arm::statics {
 namespace {
 
+// Of sizes that are known at run time only: each combination of types would compile by itself.
+Eigen::MatrixXd product(const Eigen::Ref<const Eigen::MatrixXd>& a,
+                        const Eigen::Ref<const Eigen::MatrixXd>& b) {
+  return a * b;
+}
+
 // Velocity of the point p per motion.
 Eigen::Matrix<double, 3, 6> displacementOf(const Eigen::Vector3d& p) {
   Eigen::Matrix<double, 3, 6> out;
@@ -170,8 +176,8 @@ typename LinearChain<Group>::Response LinearChain<Group>::balanced(const Motion&
     r.rates = (Eigen::MatrixXd::Identity(unknowns, unknowns) - part.rates.leftCols(unknowns))
                   .partialPivLu()
                   .solve(part.rates.rightCols(others));
-    r.end = part.end.rightCols(others) + part.end.leftCols(unknowns) * r.rates;
-    r.wrench = part.wrench.rightCols(others) + part.wrench.leftCols(unknowns) * r.rates;
+    r.end = part.end.rightCols(others) + product(part.end.leftCols(unknowns), r.rates);
+    r.wrench = part.wrench.rightCols(others) + product(part.wrench.leftCols(unknowns), r.rates);
     const auto start = [](const Motion& motion) { return motion.template leftCols<kDof>(); };
     const auto beyond = [](const Motion& motion) { return motion.template middleCols<kDof>(kDof); };
     // end = start + beyond (P end + Q) + own
@@ -194,8 +200,8 @@ typename LinearChain<Group>::Response LinearChain<Group>::balanced(const Motion&
     const Reduced& r = reduced[e];
     const Motion end = r.end_by_start * out.starts[e] + r.end_own;
     Eigen::MatrixXd rates =
-        r.rates.template leftCols<kDof>() * out.starts[e] +
-        r.rates.template middleCols<kDof>(kDof) * (r.beyond_by_end * end + r.beyond_own);
+        product(r.rates.template leftCols<kDof>(), out.starts[e]) +
+        product(r.rates.template middleCols<kDof>(kDof), r.beyond_by_end * end + r.beyond_own);
     rates.middleCols(part.first_column, part.columns) += r.rates.rightCols(part.columns);
     out.rates.push_back(std::move(rates));
     out.starts.push_back(end);
@@ -211,9 +217,9 @@ typename LinearChain<Group>::Response LinearChain<Group>::answer(
   Response out;
   out.starts.push_back(Motion::Zero(kDof, at_tip.cols()));
   const auto multiply = [&](const Part& part, const auto& by, int e, const Motion& beyond) {
-    Eigen::MatrixXd sum = by.leftCols(part.unknowns) * rates[e] +
-                          by.template middleCols<kDof>(part.unknowns) * out.starts[e] +
-                          by.template middleCols<kDof>(part.unknowns + kDof) * beyond;
+    Eigen::MatrixXd sum = product(by.leftCols(part.unknowns), rates[e]) +
+                          product(by.template middleCols<kDof>(part.unknowns), out.starts[e]) +
+                          product(by.template middleCols<kDof>(part.unknowns + kDof), beyond);
     sum.middleCols(part.first_column, part.columns) += by.rightCols(part.columns);
     return sum;
   };
