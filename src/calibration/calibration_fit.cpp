@@ -13,7 +13,7 @@
 namespace helix_arm::estimation {
 namespace {
 
-// Of a positive definite matrix.
+// Inverse of a positive definite matrix.
 Eigen::MatrixXd inverseOf(const Eigen::MatrixXd& matrix) {
   return matrix.llt().solve(Eigen::MatrixXd::Identity(matrix.rows(), matrix.cols()));
 }

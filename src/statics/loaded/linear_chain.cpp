@@ -7,7 +7,7 @@
 namespace helix_arm::statics {
 namespace {
 
-// Of sizes that are known at run time only: each combination of types would compile by itself.
+// Product of matrices whose sizes are known at run time only, compiled once for all types.
 Eigen::MatrixXd product(const Eigen::Ref<const Eigen::MatrixXd>& a,
                         const Eigen::Ref<const Eigen::MatrixXd>& b) {
   return a * b;
