@@ -145,20 +145,16 @@ StepFigures printSteps(const char* what, const FollowResult& closed, const Follo
 
 TEST(ClosedLoop, TipsFromCorners) {
   const int tips = test::draws(6, 20);
+  const double usual = FollowPlan().latency;
+  const io::Override play{"simulation.arm.response", "{play_kpa: [8], play_weight: [0.95]}"};
   const struct {
     const char* what;
     std::vector<io::Override> changes;
     double latency, steady_rms, settle_median, settle_worst;  // the last three: at most
-  } cases[] = {
-      {"tips", {}, FollowPlan().latency, 0.0004, 1.0, 1.5},
-      {"tips, ideal rig", {test::kIdealRig}, FollowPlan().latency, 0.0003, 0.7, 1.0},
-      {"tips, latency 0.3 s", {}, 0.3, 0.0006, INFINITY, INFINITY},
-      {"tips, ideal rig with a play of 8 kPa to either side",
-       {test::kIdealRig, {"simulation.arm.response", "{play_kpa: [8], play_weight: [0.95]}"}},
-       FollowPlan().latency,
-       0.001,
-       INFINITY,
-       INFINITY}};
+  } cases[] = {{"tips", {}, usual, 0.0004, 1.0, 1.5},
+               {"tips, ideal rig", {test::kIdealRig}, usual, 0.0003, 0.7, 1.0},
+               {"tips, latency 0.3 s", {}, 0.3, 0.0006, INFINITY, INFINITY},
+               {"tips, 8 kPa of play", {test::kIdealRig, play}, usual, 0.001, INFINITY, INFINITY}};
   for (const auto& one : cases) {
     SCOPED_TRACE(one.what);
     const io::Scene scene = demo(one.changes);

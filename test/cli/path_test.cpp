@@ -65,15 +65,11 @@ TEST(Path, JsonHasThePointsOrTheFile) {
   const auto last = pointsOf(path("lemniscate", asked).out).back();
   asked.insert(asked.end(), {"--format", "json"});
   const json printed = path("lemniscate", asked).json();
-  EXPECT_EQ(printed["shape"], "lemniscate");
+  const json expected{
+      {"shape", "lemniscate"}, {"radius_m", 0.02}, {"period_s", 8.0},    {"turns", 2},
+      {"plane", "xz"},         {"points", 401},    {"duration_s", 16.0}, {"out", nullptr}};
+  for (const auto& [key, value] : expected.items()) EXPECT_EQ(printed[key], value) << key;
   EXPECT_EQ(numbersOf(printed["centre_m"]), (std::vector<double>{0.35, 0.01, -0.02}));
-  EXPECT_EQ(printed["radius_m"], 0.02);
-  EXPECT_EQ(printed["period_s"], 8.0);
-  EXPECT_EQ(printed["turns"], 2);
-  EXPECT_EQ(printed["plane"], "xz");
-  EXPECT_EQ(printed["points"], 401);
-  EXPECT_EQ(printed["duration_s"], 16.0);
-  EXPECT_TRUE(printed["out"].is_null());
   ASSERT_EQ(printed["time_s"].size(), 401u);
   EXPECT_EQ(printed["time_s"].back(), last[0]);
   EXPECT_EQ(numbersOf(printed["position_m"].back()),

@@ -20,6 +20,7 @@
 #include "support/process.hpp"
 #include "support/temporary_file.hpp"
 #include "support/temporary_folder.hpp"
+#include "support/test_size.hpp"
 
 namespace helix_arm::test {
 namespace {
@@ -303,12 +304,12 @@ void interrupt(Process& process, int signal, const TemporaryFolder& folder, std:
   EXPECT_EQ(process.exitCode(), 130);
 }
 
-// A point takes half a second where the load nearly crushes the arm; all of them take hours.
+// A point takes a tenth of a second where the load nearly crushes the arm; all of them take hours.
 TEST(Workspace, InterruptedItEndsSoonInTheSlowestTier) {
   const TemporaryFolder folder;
   Process process({HELIX_ARM_COMMAND, "workspace", scenePath("loaded"), "--out",
                    folder / "cloud.csv", "--tier", "exact", "--sensitivity", "--set",
-                   "load.tip.force_n=[0, 0, 1e4]"});
+                   "load.tip.force_n=[0, 0, 1e3]"});
   interrupt(process, SIGINT, folder, 1);
 }
 
@@ -398,7 +399,7 @@ TEST(Trade, SaysWhatItCouldNotMeasure) {
 
 TEST(Trade, ATierWithoutShapesLeavesSightOutAndSaysSo) {
   const json result =
-      resultOf({"trade", scenePath("loaded"), "--set", "load.tip.force_n=[0, 0, 1e4]", "--set",
+      resultOf({"trade", scenePath("loaded"), "--set", "load.tip.force_n=[0, 0, 100]", "--set",
                 "tier=loaded", "--set", "order=2", "--no-files", "--pictures", "2"});
   EXPECT_NE(result["notes"].dump().find("finds no shape to start from"), std::string::npos);
   EXPECT_TRUE(settingsOf(result["rows"], "sight").empty());

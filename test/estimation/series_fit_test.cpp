@@ -20,8 +20,9 @@ namespace {
 using basics::kPi;
 using test::Random;
 constexpr double kMost = 200e3;  // [Pa]
-constexpr int kTrials = 6, kRows = 400;
-constexpr double kSpacing = 0.1;                       // [s]
+constexpr int kTrials = 6;
+const int kRows = test::draws(200, 400);
+const double kSpacing = 40.0 / kRows;                  // [s]
 constexpr double kNoise = 0.0005, kTurnNoise = 0.005;  // [m], [rad]
 
 const char* const kResponse[] = {"rise_time_constant", "fall_time_constant", "slow_time_constant",
@@ -262,7 +263,7 @@ TEST(SeriesFit, IntervalsHoldTheTruth) {
   truth.offset = 0.001;
   truth.correlated = 0.002;
   int held = 0, count = 0;
-  for (int seed = 20; seed < 20 + test::draws(3, 12); ++seed) {
+  for (int seed = 20; seed < 20 + test::draws(2, 12); ++seed) {
     Random random(seed);
     const Eigen::Vector3d axis = normals(random);
     truth.turn = about(axis.normalized(), 0.1 * axis.norm());

@@ -10,6 +10,9 @@ import unittest
 import helix_arm
 import numpy as np
 
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+from test_size import FULL_SIZE_ONLY, is_full_size
+
 EXAMPLES = pathlib.Path(__file__).parents[2] / "examples/python"
 
 
@@ -60,6 +63,7 @@ class ExamplesTest(unittest.TestCase):
         self.assertGreater(first, 30)
         self.assertLess(last, 2)
 
+    @unittest.skipUnless(is_full_size(), FULL_SIZE_ONLY)
     def test_real_arms(self):
         data = EXAMPLES.parents[2] / "shared/data"
         if not data.exists():

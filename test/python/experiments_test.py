@@ -14,6 +14,9 @@ from scipy.optimize import brentq
 
 from helix_arm.experiments import EXPERIMENTS, Recording, iso9283, read_series, step
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
+from test_size import is_full_size
+
 DATA = Path("/work/shared/data")
 COMMAND = None
 TIME = np.arange(1, 20001) / 100
@@ -151,16 +154,18 @@ class RunTest(unittest.TestCase):
     def test_all_resumes_where_it_was_killed(self):
         call = ("all", "demo", "--actuators", "muscle_1", "--repeats", "2", "--hold-s", "0.5")
         whole, out = self.out / "whole", self.out / "killed"
-        subprocess.run(self.words(whole, call=call), stdout=subprocess.DEVNULL, check=True)
+        if is_full_size():
+            subprocess.run(self.words(whole, call=call), stdout=subprocess.DEVNULL, check=True)
         self.assertEqual(self.interrupted(self.words(out, call=call), out / "raw/bode-*.part.csv", signal.SIGKILL)[1], -signal.SIGKILL)
         self.assertFalse((out / "all.json").exists())
         kept = {path: path.stat().st_mtime_ns for path in (out / "raw").glob("*.csv") if ".part." not in path.name}
         self.assertGreater(len(kept), 2)
         subprocess.run(self.words(out, call=call), stdout=subprocess.DEVNULL, check=True)
         self.assertEqual({path: path.stat().st_mtime_ns for path in kept}, kept)
-        figures_of = [json.loads((folder / "all.json").read_text())["figures"] for folder in (whole, out)]
-        self.assertEqual(*figures_of)
-        self.assertGreater(len(figures_of[0]), 20)
+        figures = json.loads((out / "all.json").read_text())["figures"]
+        self.assertGreater(len(figures), 20)
+        if is_full_size():
+            self.assertEqual(figures, json.loads((whole / "all.json").read_text())["figures"])
 
 
 if __name__ == "__main__":
