@@ -8,6 +8,12 @@ testing=OFF         # ON: install the packages for tests, and configure the test
 packaging=OFF       # ON: install the packages for scripts/package
 crossing=OFF        # ON: install the packages for scripts/arm64
 
+# The comment at the head of the script.
+usage() { sed -n '2,/^set /s/^# \{0,1\}//p' "$0"; }
+for option in "$@"; do
+  case "$option" in -h | --help) usage; exit 0 ;; esac
+done
+
 say() { printf '%s\n' "$*" >&2; }
 fail() { say "$(basename "$0"): $*"; exit 1; }
 

@@ -149,4 +149,7 @@ def main(program, *words):
 
 
 if __name__ == "__main__":
+    if sys.argv[1:] in (["-h"], ["--help"]):
+        print(__doc__)
+        sys.exit()
     main(*sys.argv[1:])

@@ -32,7 +32,7 @@ LIMITS = (("real_time_priority", resource.RLIMIT_RTPRIO, 40, "rtprio 40"),  # ~r
           ("locked_memory", resource.RLIMIT_MEMLOCK, sys.maxsize, "memlock unlimited"))
 CLOCK_ERROR = 0.02  # that matters to a moving arm [s]
 ANSWER = 3  # longest wait for another machine [s]
-REACH = "set ROS_HOSTNAME to a name, or ROS_IP to an address, by which the others reach this machine"
+REACH = "export ROS_HOSTNAME, a name, or ROS_IP, an address, by which others reach this machine, in every terminal; alone: localhost"
 
 
 class TimedTransport(xmlrpc.client.Transport):
@@ -84,12 +84,19 @@ class Doctor:
         self.checks.append({"name": name, "state": state if fault else "ok", "found": found, "remedy": remedy if fault else ""})
 
     def all(self):
-        self.versions()
-        self.needed("python_modules", MODULES, importlib.util.find_spec)
-        self.needed("ros_programs", PROGRAMS, self.on_path)
-        self.devices()
-        self.ros_network()
+        self.attempt("versions", self.versions)
+        self.attempt("python_modules", self.needed, "python_modules", MODULES, importlib.util.find_spec)
+        self.attempt("ros_programs", self.needed, "ros_programs", PROGRAMS, self.on_path)
+        self.attempt("devices", self.devices)
+        self.attempt("ros_network", self.ros_network)
         return self.checks
+
+    def attempt(self, name, check, *arguments, remedy="the other checks hold; run helix_arm doctor again"):
+        """Makes a check that says a fault of its own, under its name, where it cannot be carried out."""
+        try:
+            check(*arguments)
+        except Exception as error:  # whatever it is, the other checks are to be printed
+            self.say(name, True, "%s: %s" % (type(error).__name__, error), remedy)
 
     def on_path(self, name):
         return shutil.which(name, path=self.environment.get("PATH", ""))
@@ -142,7 +149,7 @@ class Doctor:
         master = urlparse(uri if re.match(r"http://[\w.-]+:\d{1,5}/?$", uri) else "")
         for_itself = is_here(own) and is_here(master.hostname) is False and socket.gethostbyname(own).startswith("127.")
         self.say("own_name", for_itself or not is_here(own), "%s %s%s" % (variable, own, " reaches no other machine" if for_itself else
-                 {True: "", False: " is another machine", None: " does not resolve"}[is_here(own)]), REACH)
+                 {True: "", False: " is another machine", None: " does not resolve: nodes of this terminal publish into nothing"}[is_here(own)]), REACH)
         transport = TimedTransport()
         try:
             if not master.hostname:
@@ -155,11 +162,17 @@ class Doctor:
                      "start roscore on its machine; check ROS_MASTER_URI, cable and firewall", "not_checked" if none else "fault")
             return
         self.say("ros_master", False, uri)
+        gone = "the master has answered before: see whether it ends or restarts, then run helix_arm doctor again"
         for node in sorted(nodes):
-            host = urlparse(proxy.lookupNode("/helix_arm_doctor", node)[2]).hostname
-            self.say("node " + node, is_here(host) is None, "at %s" % host,
-                     "its host name does not resolve here: set ROS_HOSTNAME or ROS_IP there, or add it to /etc/hosts here")
-        self.clock(master.hostname, proxy, transport)
+            self.attempt("node " + node, self.node, node, proxy, remedy=gone)
+        self.attempt("clock", self.clock, master.hostname, proxy, transport, remedy=gone)
+
+    def node(self, name, proxy):
+        known, _, uri = proxy.lookupNode("/helix_arm_doctor", name)
+        host = urlparse(uri).hostname if known == 1 else None
+        self.say("node " + name, host and is_here(host) is None, "at %s" % host if host else "ended meanwhile",
+                 "its host name does not resolve here, so that nobody hears it: export ROS_HOSTNAME or ROS_IP in its terminal, or add the "
+                 "name to /etc/hosts here")
 
     def clock(self, host, proxy, transport):
         """Asks the master, which tells whole seconds, until one begins."""
@@ -193,4 +206,7 @@ def main(program, form):
 
 
 if __name__ == "__main__":
+    if sys.argv[1:] in (["-h"], ["--help"]):
+        print(__doc__)
+        sys.exit()
     sys.exit(main(*sys.argv[1:]))

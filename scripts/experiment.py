@@ -9,12 +9,16 @@ import json
 import re
 import signal
 import sys
+import time
 from pathlib import Path
 from typing import Callable, List, Sequence
 
+if sys.argv[1:] in (["-h"], ["--help"]):
+    print(__doc__)
+    sys.exit()
 sys.path.insert(0, str(Path(sys.argv[1]).resolve().parents[1] / "python3/dist-packages"))
 from helix_arm.experiments import EXPERIMENTS, Options, Progress, Result, SimulatedRig, measure, read_series, sheet  # noqa: E402
-from helix_arm.experiments.run import ALL, estimate_s, measure_all, result_of, write  # noqa: E402
+from helix_arm.experiments.run import ALL, UNNAMED, estimate_s, measure_all, result_of, write  # noqa: E402
 from helix_arm.scene import Scene  # noqa: E402
 
 ANALYSE = "analyse"
@@ -107,10 +111,10 @@ def _analyse(given: argparse.Namespace) -> List[Result]:
             count = max([int(one) for one in re.findall(r"pressure_(\d+)_kpa", header)], default=0)
         for trial, recording in read_series(Path(path), count).items():
             recordings[trial if trial not in recordings else f"{Path(path).stem} {trial}"] = recording
-    names = scene.actuators if scene else [f"actuator_{i + 1}" for i in range(count)]
+    names = scene.actuators if scene else [f"{UNNAMED}{i + 1}" for i in range(count)]
     analysis = EXPERIMENTS[name].analyse(recordings, names, scene)
     if given.out:
-        return [write(name, analysis, scene, f"recordings {', '.join(Path(one).name for one in files)}", Path(given.out))]
+        return [write(name, [(name, analysis)], scene, f"recordings {', '.join(Path(one).name for one in files)}", Path(given.out))]
     return [result_of(name, analysis, scene)]
 
 
@@ -122,17 +126,23 @@ def _measure(given: argparse.Namespace, stop: Callable[[], str]) -> List[Result]
         if one not in scene.actuators:
             raise ValueError(f"--actuators has {one}; expected some of {', '.join(scene.actuators)}")
     options = Options([scene.actuators.index(one) for one in names], given.repeats, given.hold_s)
-    told = ["", -TELL_S]  # experiment, and when
+    experiments = [*EXPERIMENTS] if name == ALL else [name]
+    times = {one: estimate_s([one], scene, rig, options) for one in experiments}
+    total, begin = sum(times.values()), time.monotonic()
+    told, found = -TELL_S, -1.0  # time on the rig: of the last line, and of what a call that goes on found on disk [s]
 
     def tell(progress: Progress) -> None:
-        if progress.experiment == told[0] and progress.done_s < told[1] + TELL_S:
+        nonlocal told, found
+        done = sum(times[one] for one in experiments[:experiments.index(progress.experiment)]) + progress.done_s
+        found = done if found < 0 else found
+        if done < told + TELL_S:
             return
-        told[:] = [progress.experiment, progress.done_s]
-        left = (progress.total_s - progress.done_s) / 60
-        print(f"{progress.experiment}: {progress.trial}, {left:.1f} min left on a rig in real time", file=sys.stderr, flush=True)
+        told = done
+        wait = f", {(time.monotonic() - begin) / (done - found) * (total - done) / 60:.1f} min left" if done > found else ""
+        print(f"{progress.experiment}: {progress.trial}{wait}", file=sys.stderr, flush=True)
 
+    print(f"{name}: {total / 60:.0f} min on a rig in real time; the simulated rig is faster", file=sys.stderr)
     if name == ALL:
-        print(f"all: {estimate_s([*EXPERIMENTS], scene, rig, options) / 60:.0f} min on a rig in real time", file=sys.stderr)
         return measure_all(scene, rig, Path(given.out), options, stop, tell)
     return [measure(name, scene, rig, given.out, options, stop=stop, tell=tell)]
 

@@ -269,4 +269,7 @@ def main(program, what, *arguments):
 
 
 if __name__ == "__main__":
+    if sys.argv[1:] in (["-h"], ["--help"]):
+        print(__doc__)
+        sys.exit()
     sys.exit(main(*sys.argv[1:]))

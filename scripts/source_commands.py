@@ -25,6 +25,9 @@ def source_commands(commands):
 
 
 if __name__ == "__main__":
+    if sys.argv[1:] in (["-h"], ["--help"]):
+        print(__doc__)
+        sys.exit()
     if len(sys.argv) != 2:
         sys.exit(__doc__)
     with open(Path(sys.argv[1], "compile_commands.json")) as commands:

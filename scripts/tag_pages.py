@@ -162,8 +162,8 @@ def card_pages(arm, paper):
                 "The triangle marks the upper edge, the lines the middle of the other edges. Fold the strip "
                 "back or cut it off."]))
             pages[-1].rulers(paper, ["Both rulers must be 100 mm long on paper. If not,",
-                                     "print again without scaling; or measure the tags and",
-                                     "give their size as tags.size_m in the scene."])
+                                     "print again without scaling; or give as tags.size_m the",
+                                     "side of the " + arm["size_edge"] + "."])
         x, y = paper.free.x + column * (card + GAP), paper.free.y + row * (card + STRIP + GAP)
         pages[-1].cells(tag["cells"], (x + RIM, y + RIM), cell)
         section = arm["sections"][tag["section"]]["name"] + ", " if len(arm["sections"]) > 1 else ""

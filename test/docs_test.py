@@ -407,6 +407,18 @@ def self_test(root, command):
     return missed
 
 
+def check_scripts(root):
+    """Every script tells its usage where it is asked for help, and does nothing."""
+    for path in sorted(path for path in (root / "scripts").iterdir() if path.is_file()):
+        text = path.read_text(encoding="utf-8")
+        if not text.startswith("#!") and "__main__" not in text:
+            continue
+        program = ["/bin/bash"] if text.startswith("#!/bin/bash") else [sys.executable]
+        run = subprocess.run([*program, str(path), "--help"], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False)
+        if run.returncode != 0 or b"usage: " not in run.stdout or b"Traceback" in run.stdout:
+            yield "scripts/%s --help: exit code %d, %r; expected its usage" % (path.name, run.returncode, run.stdout[-200:])
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--root", type=Path, default=Path(__file__).resolve().parent.parent)
@@ -419,7 +431,7 @@ def main():
     except (OSError, subprocess.SubprocessError) as error:
         print("docs_test: %s does not tell its options: %s" % (arguments.command, error), file=sys.stderr)
         return 2
-    faults = self_test(root, command) if arguments.self_test else Checker(root, command).check()
+    faults = self_test(root, command) if arguments.self_test else [*Checker(root, command).check(), *check_scripts(root)]
     for fault in faults:
         print(fault)
     print("%d planted faults, %d missed" % (len(PLANTS), len(faults)) if arguments.self_test else "%d faults" % len(faults))

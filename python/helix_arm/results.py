@@ -151,6 +151,18 @@ class Fit(Result):
 
 
 @dataclasses.dataclass(frozen=True)
+class Evaluation(Result):
+    """The model against measurements."""
+
+    kind: str  #: "curvatures", "tags" or "series"
+    unit: str  #: of all errors: rad of curvatures, else m
+    errors: np.ndarray  #: (N,) of a curvature, model minus measured; else distances of tips, per capture or position; NaN where none is
+    rms: float
+    median: float  #: of their sizes
+    worst: float
+
+
+@dataclasses.dataclass(frozen=True)
 class Sight(Result):
     """What one picture shows. Without a measured shape its fields hold NaN."""
 
@@ -230,6 +242,12 @@ class Calibration(Result):
     suspects: List[Suspect]  #: best first
     warnings: List[str]
     scene_text: str  #: of the calibrated scene; empty without success
+
+    def __repr__(self) -> str:
+        rows = [f"{one.name} = {one.value:.6g}" + (f" +- {one.standard_error:.2g}" if one.standard_error else "") +
+                (f" {one.unit}" if one.unit else "") + (", which the data do not determine" if one.identifiable is False else "")
+                for one in self.parameters]
+        return "\n    ".join([f"<helix_arm.Calibration: {'success' if self.success else self.message}", *rows]) + ">"
 
     def __getitem__(self, name: str) -> Parameter:
         """A parameter by its name. Raises KeyError."""

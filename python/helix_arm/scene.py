@@ -5,6 +5,7 @@ import copy
 import json
 import os
 import pathlib
+import warnings
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple, Union
 
 import numpy as np
@@ -98,7 +99,7 @@ class Scene(_core.Scene):
     def forward(self, pressures_pa: Numbers, threads: int = 1) -> results.Forward:
         """Shapes at gauge pressures.
 
-        pressures_pa: (n,) or (N, n) float64 within the limits [Pa]; of tendons, angles [rad].
+        pressures_pa: (n,) or (N, n) within the limits [Pa]; of tendons, angles [rad].
         threads: of a batch; 0 for all cores. The result does not depend on it.
         Returns a Forward: tips [m], quaternions_xyzw, twists [m, rad], converged.
         Raises TypeError or ValueError naming argument and rule.
@@ -147,6 +148,7 @@ class Scene(_core.Scene):
         found = self._inverse(kind, target, start, arguments.text(prefer, "prefer"),
                               arguments.number(cocontraction, "cocontraction"),
                               arguments.number(position_tolerance_m, "position_tolerance_m"), arguments.threads(threads))
+        self._warn_of_millimetres(target, kind)
         status = np.array(["reached", "unreachable", "not_converged"])[found.pop("status")]
         if isinstance(status, str):  # of one row
             status = str(status)
@@ -201,6 +203,26 @@ class Scene(_core.Scene):
             quaternions_xyzw=column("quaternion_xyzw", 4), tip_covariances=column("tip_covariance", 3, 3), rms=column("rms"),
             outlier_tags=[one["outlier_tags"] for one in found])
 
+    def evaluate(self, data: Data) -> results.Evaluation:
+        """The model against measurements, as `helix_arm evaluate`.
+
+        data: data set of curvatures, tag poses, tag corners or a series of the tip: a path, or a dict of columns as of fit().
+        """
+        kind, unit, errors = self._evaluate(arguments.data_set(data, "data"))
+        sizes = np.abs(errors[np.isfinite(errors)])
+        require(len(sizes) > 0, "no row or capture of data can be compared with the model; `helix_arm evaluate` says why")
+        return results.Evaluation(kind, unit, errors, float(np.sqrt(np.mean(sizes**2))), float(np.median(sizes)), float(sizes.max()))
+
+    def _warn_of_millimetres(self, given: Any, name: str) -> None:
+        """Of positions (3) or rows that begin with them, all far beyond the arm; twists are no positions."""
+        rows = np.atleast_2d(given)
+        if name == "twists" or not len(rows):
+            return
+        nearest = np.linalg.norm(rows[:, :3], axis=1).min()
+        if nearest > 20 * self.length_m:
+            warnings.warn(f"{name} is {nearest:g} m or more from the base of an arm of {self.length_m:g} m; expected metres, and "
+                          "these seem to be millimetres", stacklevel=3)
+
     def localize(self, image: np.ndarray, pressures_pa: Optional[Numbers] = None) -> Union[results.Sight, List[results.Sight]]:
         """The arm's shape in a gray picture of the scene's camera, or in each picture of a series.
 
@@ -252,19 +274,21 @@ class Scene(_core.Scene):
             found[name] = [kind.of(one) for one in found[name]]
         return results.Calibration.of(found)
 
-    def follow(self, tips: Optional[Numbers] = None, *, path: Optional[Numbers] = None, seconds: float, open: bool = False,
+    def follow(self, tips: Optional[Numbers] = None, *, path: Optional[Numbers] = None, seconds: Optional[float] = None, open: bool = False,
                sight: str = "corners", force: Optional[Numbers] = None, blind: Optional[Numbers] = None,
                latency_s: float = 0.06, seed: int = 1, rig: Optional["Scene"] = None,
                plant: Optional[str] = None) -> results.FollowRun:
         """The simulated arm follows tips or a path, with the loop closed over vision. In one thread, with a simulated time.
 
-        tips: (3,) or (N, 3) [m], which share the seconds evenly. path: (N, 4) times [s] and positions x, y, z [m].
+        tips: (3,) or (N, 3) [m], which share the seconds evenly. path: (N, 4) times [s] and positions x, y, z [m];
+        without seconds, the run ends with it.
         open: the model alone commands. sight: "corners" (with noise, fast) or "rendered" (pictures). force: (4,) a time [s]
         and the force on the true tip from then on [N], base frame. blind: (2,) times between which pictures are lost [s].
         rig: scene of the true arm, if it is another one. plant: command of a program that is the true arm (docs/closed_loop.md);
         RuntimeError names it if it fails.
         """
-        seconds = arguments.number(seconds, "seconds", 0.1, 3600)
+        require(seconds is not None or tips is None, "seconds is missing, which tips need")
+        seconds = None if seconds is None else arguments.number(seconds, "seconds", 0.1, 3600)
         latency_s = arguments.number(latency_s, "latency_s", 0, 1)
         seed = arguments.integer(seed, "seed", 0, 2**32 - 1)
         arguments.flag(open, "open")
@@ -275,7 +299,8 @@ class Scene(_core.Scene):
         plant = "" if plant is None else arguments.text(plant, "plant")
         require((tips is None) != (path is None), "follow() needs either tips or path; expected exactly one")
         targets, path = arguments.rows(tips, "tips", 3, most=1000), arguments.rows(path, "path", 4, 2, 100_000)
-        if targets is not None:
+        if targets is not None and seconds is not None:
+            self._warn_of_millimetres(targets, "tips")
             require(seconds >= len(targets),
                     f"seconds is {seconds:g}, too short for {len(targets)} tips; expected at least 1 s for each")
             for i in np.flatnonzero(np.abs(targets).max(axis=1) > 1e6):

@@ -1,6 +1,8 @@
 #include "bag_captures.hpp"
 
+#include <Eigen/Geometry>
 #include <algorithm>
+#include <limits>
 #include <map>
 #include <utility>
 
@@ -26,13 +28,17 @@ constexpr std::uint64_t kMostBagBytes = 16ULL << 30U;
 // What is read of a recording: a topic by its name behind the last `/`, its type, and the checksum
 // of the definition in msg/, which bag_captures_test compares: the command is built without ROS
 // too.
-enum Topic { kDetections, kMeasured, kCommand, kTopicCount };
+enum Topic { kDetections, kTagPoses, kMeasured, kCommand, kTopicCount };
 const char* const kTags[] = {"helix_arm/TagDetections", "c1e7488b8f93702d089fe2e6bc94cf25"};
+// Of another detector: poses of tags seen from the camera.
+const char* const kPoses[] = {"apriltag_ros/AprilTagDetectionArray",
+                              "2b6c03434883a5c9897c13b5594dbd91"};
 const char* const kPressures[] = {"helix_arm/PressureArray", "16e7dc420c1fb29f7ee29e1f1b50f307"};
 const struct {
   const char* name;
   const char* const* type;
 } kTopics[] = {{names::kTagDetections, kTags},
+               {names::kTagDetections, kPoses},
                {names::kPressureMeasured, kPressures},
                {names::kPressureCommand, kPressures}};
 
@@ -55,23 +61,41 @@ std::string printedOf(const basics::RegularFile& file, const std::string& path) 
   throw io::DocumentError(path + " " + basics::printable(fault.what()));
 }
 
-// The topic of each kind; empty if absent, which is a fault except for commands.
+// Why there is no topic of a kind: it is missing, or of a type that is not read.
+std::string faultOfTopic(Topic needed, const json& others) {
+  const std::string name = kTopics[needed].name;
+  std::string expected;
+  for (const auto& [one, type] : kTopics) {
+    if (one == name) expected += (expected.empty() ? "" : " or ") + std::string(type[0]);
+  }
+  for (const json& other : others) {
+    const std::string topic = other[0];
+    if (topic.substr(topic.rfind('/') + 1) != name) continue;
+    return "topic " + basics::quoted(topic) + " has the type " + basics::quoted(other[1]) +
+           "; expected " + expected +
+           ": record the topic of the nodes of this package, or relay it";
+  }
+  return "topic " + name + " is missing; record it with the others";
+}
+
+// The topic of each kind; empty if absent, which is a fault except for commands, and for tags if
+// there is one of the other kind.
 std::vector<std::string> topicsOf(const json& found, const std::string& path) {
   io::FaultList faults(path);
   std::vector<std::string> out(kTopicCount);
-  for (const json& one : found) {
-    std::string& topic = out[one[0].get<std::size_t>()];
+  for (const json& one : found["topics"]) {
+    const auto place = one[0].get<std::size_t>();
     const std::string name = one[1];
-    if (!topic.empty()) {
-      faults.add(0, "topics " + basics::quoted(topic) + " and " + basics::quoted(name) +
+    for (std::size_t other = 0; other < kTopicCount; ++other) {
+      if (out[other].empty() || std::string(kTopics[other].name) != kTopics[place].name) continue;
+      faults.add(0, "topics " + basics::quoted(out[other]) + " and " + basics::quoted(name) +
                         " belong to more than one arm; record one arm per bag");
     }
-    topic = name;
+    out[place] = name;
   }
   for (const Topic needed : {kDetections, kMeasured}) {
-    if (!out[needed].empty()) continue;
-    faults.add(
-        0, std::string("topic ") + kTopics[needed].name + " is missing; record it with the others");
+    if (!out[needed].empty() || (needed == kDetections && !out[kTagPoses].empty())) continue;
+    faults.add(0, faultOfTopic(needed, found["others"]));
   }
   faults.throwIfAny();
   return out;
@@ -88,6 +112,38 @@ std::vector<SeenTag> detectionsOf(const json& tags) {
     one.observation.id = tag[0];
     one.repeated = tag[1];
     for (int k = 0; k < 8; ++k) one.observation.corners(k) = numberOf(tag[2][k]);
+  }
+  return out;
+}
+
+// Where the camera of the scene sees the corners of tags whose poses another detector has told.
+std::vector<SeenTag> seenAt(const json& tags, const io::Scene& scene, const std::string& path) {
+  if (!scene.camera) {
+    throw io::DocumentError(path + " has poses of tags seen from a camera, but scene " +
+                            scene.name + " has no camera; expected a scene with a section camera");
+  }
+  std::vector<SeenTag> out;
+  std::map<int, std::size_t> known;
+  for (const json& tag : tags) {
+    const json& pose = tag[2];
+    const Eigen::Quaterniond q(numberOf(pose[6]), numberOf(pose[3]), numberOf(pose[4]),
+                               numberOf(pose[5]));
+    const lie::SE3 X_CT{q.normalized().toRotationMatrix(),
+                        {numberOf(pose[0]), numberOf(pose[1]), numberOf(pose[2])}};
+    SeenTag one;
+    one.observation.id = tag[0];
+    estimation::TagLayout plane;
+    plane.size = numberOf(tag[1]);
+    const estimation::Corners corners = plane.corners();
+    for (int c = 0; c < 4; ++c) {
+      const auto pixel =
+          scene.camera->model.project(X_CT * Eigen::Vector3d(corners(0, c), corners(1, c), 0.0));
+      one.observation.corners.col(c) =
+          pixel.value_or(Eigen::Vector2d::Constant(std::numeric_limits<double>::quiet_NaN()));
+    }
+    const auto [first, is_new] = known.emplace(one.observation.id, out.size());
+    if (!is_new) one.repeated = out[first->second].repeated = true;
+    out.push_back(one);
   }
   return out;
 }
@@ -127,13 +183,15 @@ std::vector<procedures::Sample> samplesOf(const basics::RegularFile& file, const
   for (json record = next(); !record.is_null(); record = next()) {
     const Topic topic = record[0];
     const double time = record[1];
-    if (topic != kDetections) {
+    if (topic == kMeasured || topic == kCommand) {
       const Eigen::VectorXd values =
           pressuresOf(record[2], record[3], topics[topic], scene.arm, path);
       topic == kCommand ? watch.command(time, values) : watch.measured(time, values);
       continue;
     }
-    watch.seen(time, observationsOf(detectionsOf(record[2]), scene));
+    const std::vector<SeenTag> tags =
+        topic == kDetections ? detectionsOf(record[2]) : seenAt(record[2], scene, path);
+    watch.seen(time, observationsOf(tags, scene));
     const procedures::Settling settling = watch.at(time);
     if (settling.settled()) {
       standing.push_back(*settling.last);

@@ -30,10 +30,11 @@ std::vector<io::TagCornerCapture> numbered(const std::vector<procedures::Sample>
 /// no damage in it does harm to this one.
 ///
 /// @param path  of a bag with one topic each that ends in tag_detections and pressure_measured; one
-///              that ends in pressure_command tells the set points.
+///              that ends in pressure_command tells the set points. The tags may also be those of
+///              apriltag_ros: their poses become corners in the picture of the scene's camera.
 /// @throws io::DocumentError where it cannot be read, is damaged, has more than 16 GiB, lacks a
-/// topic or has more than one, where pressures are not of the scene's arm, or where the arm never
-/// stands still.
+/// topic, has one of another type or more than one, where pressures are not of the scene's arm, or
+/// where the arm never stands still.
 std::vector<procedures::Sample> loadBag(const std::string& path, const io::Scene& scene,
                                         const procedures::SettleRules& rules);
 

@@ -3,6 +3,7 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "shape_model.hpp"
 
@@ -106,6 +107,26 @@ std::optional<std::string> unbalanced(const std::vector<ArmCaptures>& arms) {
   return std::nullopt;
 }
 
+// Tag poses whose nearest one is too far for metres; a single wrong one does not count.
+std::optional<std::string> inMillimetres(const std::vector<ArmCaptures>& arms) {
+  constexpr double kFarthest = 20;  // in lengths of the arm
+  for (const ArmCaptures& arm : arms) {
+    double least = std::numeric_limits<double>::infinity();
+    for (const Capture& capture : arm.captures) {
+      const auto* poses = std::get_if<std::vector<PoseObservation>>(&capture.reading);
+      if (poses == nullptr) break;
+      for (const PoseObservation& seen : *poses) {
+        least = std::min(least, seen.X_BT.translation.norm());
+      }
+    }
+    const double length = arm.arm.restLength();
+    if (!std::isfinite(least) || least < kFarthest * length) continue;
+    return text(arm.name, ": every tag is ", least, " m or more from the base of an arm of ",
+                length, " m; expected positions in metres, and these seem to be millimetres");
+  }
+  return std::nullopt;
+}
+
 bool isEmpty(const Reading& reading) {
   const auto* poses = std::get_if<std::vector<PoseObservation>>(&reading);
   const auto* corners = std::get_if<std::vector<CornerObservation>>(&reading);
@@ -183,6 +204,19 @@ std::optional<std::string> unlikeEps(const ArmCaptures& arm, const ArmCaptures& 
                 "; one K_eps is fitted for all: give them the same one first");
   }
   return std::nullopt;
+}
+
+// Pressures that differ, but are so small against the limits that kilopascals are doubtful.
+std::string inBar(const ArmCaptures& arm) {
+  constexpr double kPascalsOfBar = 100;  // if they were read as kilopascals
+  double most = 0, limit = 0;
+  for (const Capture& capture : arm.captures) most = std::max(most, capture.pressure.maxCoeff());
+  for (int i = 0; i < arm.arm.actuatorCount(); ++i) {
+    limit = std::max(limit, arm.arm.actuator(i).limits.upper);
+  }
+  if (most <= 0 || kPascalsOfBar * most > limit) return "";
+  return text("; the highest is ", most / 1e3, " kPa, and ", kPascalsOfBar * most / 1e3,
+              " kPa if the pressures are in bar: expected kilopascals");
 }
 
 // Why arms that are fitted together cannot share the fitted parameters.
@@ -291,6 +325,7 @@ std::optional<Verdict> unsound(const std::vector<ArmCaptures>& arms) {
   if (first == nullptr) {
     return Verdict{CalibrationStatus::kNoCaptures, "no capture has a reading; record some first"};
   }
+  if (const auto fault = inMillimetres(arms)) return Verdict{CalibrationStatus::kBadData, *fault};
   if (const auto fault = unbalanced(arms)) return Verdict{CalibrationStatus::kBadData, *fault};
   return std::nullopt;
 }
@@ -316,7 +351,8 @@ std::optional<Verdict> unfit(const std::vector<ArmCaptures>& arms,
     return Verdict{
         CalibrationStatus::kOnePressure,
         text("all captures were taken at ", pressureText(groups.pressure.front()),
-             ", where the parameters cannot be distinguished; capture at other pressures, too")};
+             ", where the parameters cannot be distinguished; capture at other pressures, too",
+             inBar(arms.front()))};
   }
   std::optional<std::string> reason = unmet(arms, options, kind);
   if (!reason) reason = unlike(arms, options);

@@ -82,6 +82,18 @@ std::vector<Branches> branchesOf(const std::vector<LengthSample>& samples) {
   return out;
 }
 
+// Shortest and longest free length of a muscle, as scenes have them [m].
+constexpr double kShortest = 1e-6, kLongest = 10.0;
+
+// The unit in which a length that is too long for metres would be a usual one; empty if there is
+// none.
+std::string unitOfLength(double length) {
+  const auto isUsual = [](double metres) { return metres > 0.02 && metres < 2.0; };
+  return isUsual(1e-3 * length)   ? ", such as " + text(1e-3 * length) + " if it is in millimetres"
+         : isUsual(1e-2 * length) ? ", such as " + text(1e-2 * length) + " if it is in centimetres"
+                                  : "";
+}
+
 constexpr int kCoefficients = 6;
 // Largest first pressure of a quintic, relative to the largest pressure.
 constexpr double kNearZero = 0.05;
@@ -125,6 +137,11 @@ std::optional<ContractionFit> checkSamples(const std::vector<LengthSample>& samp
       return failed(ContractionFitStatus::kNotFinite,
                     text("sample ", i + 1, ": the length is ", length,
                          " m; expected a finite value > 0; correct it or leave it out"));
+    }
+    if (length < kShortest || length > kLongest) {
+      return failed(ContractionFitStatus::kOutOfRange,
+                    text("sample ", i + 1, ": the length is ", length, " m; expected ", kShortest,
+                         " to ", kLongest, " m", unitOfLength(length)));
     }
     if (pressure < 0) {
       return failed(ContractionFitStatus::kOutOfRange,

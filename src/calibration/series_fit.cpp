@@ -15,8 +15,9 @@
 namespace helix_arm::estimation {
 namespace {
 
-constexpr Eigen::Index kMostRows = 5000;                    // that are compared
-constexpr Eigen::Index kLeastRows = 50;                     // with a position
+constexpr Eigen::Index kMostRows = 5000;  // that are compared
+constexpr Eigen::Index kLeastRows = 50;   // with a position
+constexpr double kReached = 0.9;          // of a curve's range of pressures, by the series
 constexpr double kLeastMotion = 0.002, kMostMotion = 20.0;  // of the tip, RMS, of the arm's length
 constexpr double kBendLever = 0.5;  // motion of the tip by a bend of 1 rad, of the arm's length
 constexpr int kRounds = 3;          // of noise and fit
@@ -341,6 +342,7 @@ class SeriesJob {
     out.rms_about_offset = residual.rms_about_offset;
     out.rms_turn = residual.rms_turn;
     out.held_out_rms = std::sqrt(fit.held_out.square().mean());
+    out.baseline_rms = cubicError(recording_.series);
   }
 
   void reportNumbers(const Fitted& fit, const SeriesModel& now, SeriesFit& out) const {
@@ -391,6 +393,26 @@ class SeriesJob {
   std::vector<int> block_of_;  // (used)
 };
 
+// Why a curve cannot be fitted: beyond the pressures of the series it would be a guess.
+std::string beyondSeries(const model::Arm& arm, const SeriesRecording& recording) {
+  for (std::size_t c = 0; c < recording.curves.size(); ++c) {
+    if (!recording.curves[c].free) continue;
+    double most = 0.0;
+    for (int i = 0; i < arm.actuatorCount(); ++i) {
+      if (recording.curve_of[static_cast<std::size_t>(i)] != static_cast<int>(c)) continue;
+      most = std::max(most, recording.series.history.input.col(i).maxCoeff());
+    }
+    const double upper = recording.curves[c].knots.back();
+    if (most >= kReached * upper) continue;
+    return basics::messageOf(
+        "contraction ", recording.curves[c].name, " reaches ", 1e-3 * upper,
+        " kPa, but the series ", std::round(1e-2 * most) / 10,
+        " kPa: beyond it the curve would be a guess; record up to the limit, or "
+        "lower max_pressure_kpa of the scene to what was measured");
+  }
+  return "";
+}
+
 // Why nothing can be fitted; empty if it can.
 std::string faultOf(const SeriesPrior& prior, const SeriesRecording& recording,
                     const SeriesOptions& options) {
@@ -416,6 +438,10 @@ std::string faultOf(const SeriesPrior& prior, const SeriesRecording& recording,
         1e-3 * limits.lower, " to ", 1e-3 * limits.upper,
         " kPa of the first actuator; check the unit of the pressures, and move one at least");
   }
+  if (options.arm.contraction) {
+    if (std::string fault = beyondSeries(prior.model.arm(), recording); !fault.empty())
+      return fault;
+  }
   const double length = prior.model.arm().restLength();
   const Eigen::MatrixXd about = recording.measured.rowwise() - recording.measured.colwise().mean();
   const double motion = std::sqrt(about.squaredNorm() / static_cast<double>(about.rows()));
@@ -423,7 +449,8 @@ std::string faultOf(const SeriesPrior& prior, const SeriesRecording& recording,
     return basics::messageOf("the positions vary by ", 1e3 * motion, " mm (RMS) about their mean; ",
                              "expected ", 1e3 * kLeastMotion * length, " to ",
                              1e3 * kMostMotion * length, " mm for an arm of ", 1e3 * length,
-                             " mm: check that they are of its tip, and in metres");
+                             " mm: check that they are of its tip, and in metres",
+                             motion > kMostMotion * length ? ", not millimetres" : "");
   }
   return {};
 }

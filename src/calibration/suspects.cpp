@@ -7,6 +7,7 @@
 #include <map>
 #include <numeric>
 #include <optional>
+#include <set>
 #include <utility>
 #include <variant>
 
@@ -97,6 +98,7 @@ struct Square {
   double moved = 0;    // half the square of the base's motion, in deviations of a rig that moved
   double usual = 1;    // mean square of a sound arm, if asked for
   lie::SE3 base = {};  // from where the scene has it
+  std::map<int, double> of_tag = {};  // of the first arm: medians, by the index in the layout
 };
 
 // Takes all pressures as within their limits. @return how far beyond these the farthest was [Pa].
@@ -167,10 +169,13 @@ class Misfit {
     CalibrationProblem problem(read, options, selectionOf(options));
     if (!solveWithNoise(problem, 0, rough_).determined) return std::nullopt;
     std::vector<double> squares;
+    std::map<int, std::vector<double>> by_tag;
     int residuals = 0;
     for (const Comparison& reading : problem.compare(1.0, false)) {
       squares.push_back(reading.square / reading.residuals / trimmedSquare(reading.residuals));
       residuals += reading.residuals;
+      const bool of_tag = reading.tag >= 0 && problem.armOf(reading.capture) == 0;
+      if (of_tag) by_tag[reading.tag].push_back(squares.back());
     }
     std::sort(squares.begin(), squares.end());
     squares.resize(squares.size() - static_cast<std::size_t>(kWrong * squares.size()));
@@ -183,7 +188,9 @@ class Misfit {
     const double scale = usual ? usualScale(read, options, problem) : 1.0;
     const double bleed = problem.values().own_blocks.at(ParameterBlock::kBleed)[0];
     const double moved = 0.5 * (far * far + turned * turned);
-    return Square{mean, residuals, bleed, moved, scale * scale, base};
+    Square out{mean, residuals, bleed, moved, scale * scale, base};
+    for (auto& [tag, all] : by_tag) out.of_tag[tag] = basics::medianOf(std::move(all));
+    return out;
   }
 
   CalibrationOptions options_;
@@ -294,11 +301,22 @@ void addUnits(std::vector<Trial>& trials) {
 
 // ---- Tags and pictures ----
 
-// Tags at one place along the arm, around it.
+// Tags at one place along the arm, around it, or others that belong together.
 struct Row {
   Eigen::VectorXi tags;  // indices in the layout, by their angle about the arm
   std::string name;
 };
+
+Row rowOf(const TagLayout& layout, const std::vector<int>& tags) {
+  Row row{Eigen::Map<const Eigen::VectorXi>(tags.data(), static_cast<Eigen::Index>(tags.size())),
+          ""};
+  std::vector<std::string> ids;
+  for (const int tag : tags) {
+    ids.push_back(std::to_string(layout.tags[static_cast<std::size_t>(tag)].id));
+  }
+  row.name = (ids.size() == 1 ? "tag " : "tags ") + basics::joined(ids);
+  return row;
+}
 
 std::vector<Row> rowsOf(const TagLayout& layout) {
   constexpr double kSamePlace = 0.01;  // of a section
@@ -312,16 +330,43 @@ std::vector<Row> rowsOf(const TagLayout& layout) {
   std::vector<Row> rows;
   for (auto& [place, tags] : by_place) {
     std::sort(tags.begin(), tags.end());
-    Row row{Eigen::VectorXi(tags.size()), ""};
-    std::vector<std::string> ids;
-    for (const auto& [angle, tag] : tags) {
-      row.tags[static_cast<Eigen::Index>(ids.size())] = tag;
-      ids.push_back(std::to_string(layout.tags[static_cast<std::size_t>(tag)].id));
-    }
-    row.name = (ids.size() == 1 ? "tag " : "tags ") + basics::joined(ids);
-    rows.push_back(std::move(row));
+    std::vector<int> around;
+    for (const auto& [angle, tag] : tags) around.push_back(tag);
+    rows.push_back(rowOf(layout, around));
   }
   return rows;
+}
+
+// Tags along each section, as along a muscle: each follows the one before at nearly its angle about
+// the arm. Without those that are alone, or all tags.
+std::vector<Row> stripsOf(const TagLayout& layout) {
+  constexpr double kSameStrip = 0.9;  // cosine of the angle from one tag to the next
+  const auto at = [&layout](int tag) -> const TagPlacement& {
+    return layout.tags[static_cast<std::size_t>(tag)];
+  };
+  std::vector<int> along(layout.tags.size());
+  std::iota(along.begin(), along.end(), 0);
+  std::stable_sort(along.begin(), along.end(), [&](int a, int b) { return at(a).s < at(b).s; });
+  std::vector<std::vector<int>> strips;
+  for (const int tag : along) {
+    const auto strip = std::find_if(strips.begin(), strips.end(), [&](const auto& tags) {
+      const TagPlacement &last = at(tags.back()), &next = at(tag);
+      const Eigen::Vector2d a = last.X_ST.translation.tail<2>(),
+                            b = next.X_ST.translation.tail<2>();
+      return last.section == next.section && last.s < next.s &&
+             a.dot(b) > kSameStrip * a.norm() * b.norm();
+    });
+    if (strip == strips.end()) {
+      strips.push_back({tag});
+    } else {
+      strip->push_back(tag);
+    }
+  }
+  std::vector<Row> out;
+  for (const std::vector<int>& strip : strips) {
+    if (strip.size() > 1 && strip.size() < along.size()) out.push_back(rowOf(layout, strip));
+  }
+  return out;
 }
 
 // The tags that are where the scene has tags 0, 1, ..; and the quarter turns of each place.
@@ -403,21 +448,47 @@ void addRowTrials(const TagLayout& layout, std::vector<Trial>& trials) {
   }
 }
 
-void addTurns(const TagLayout& layout, ReadingKind kind, const CalibrationOptions& options,
+void addTurnsOf(const Row& row, const TagLayout& layout, std::vector<Trial>& trials) {
+  for (int quarters = 1; quarters < 4; ++quarters) {
+    Places places(layout);
+    places.quarters(row.tags).setConstant(quarters);
+    addTagTrial("tags_turned", row.name, places,
+                text("they are glued turned by ", 90 * quarters,
+                     " degrees counterclockwise: turn them in the scene's tags, or on the arm"),
+                trials);
+  }
+}
+
+std::set<int> seenTags(const ArmCaptures& arm) {
+  std::set<int> out;
+  for (const Capture& capture : arm.captures) {
+    const auto add = [&out](const auto* seen) {
+      for (std::size_t i = 0; seen != nullptr && i < seen->size(); ++i) out.insert((*seen)[i].tag);
+    };
+    add(std::get_if<Poses>(&capture.reading));
+    add(std::get_if<CornersSeen>(&capture.reading));
+  }
+  return out;
+}
+
+void addTurns(const ArmCaptures& arm, ReadingKind kind, const CalibrationOptions& options,
               std::vector<Trial>& trials) {
+  const TagLayout& layout = arm.layout;
   // Positions alone do not show how a tag is turned.
   if (kind == ReadingKind::kPoses && options.rotation_noise == 0) return;
   std::vector<Row> rows = rowsOf(layout);
   if (rows.size() > 1) rows.push_back({Places(layout).tag, "all tags"});
-  for (const Row& row : rows) {
-    for (int quarters = 1; quarters < 4; ++quarters) {
-      Places places(layout);
-      places.quarters(row.tags).setConstant(quarters);
-      addTagTrial("tags_turned", row.name, places,
-                  text("they are glued turned by ", 90 * quarters,
-                       " degrees counterclockwise: turn them in the scene's tags, or on the arm"),
-                  trials);
+  for (Row& strip : stripsOf(layout)) rows.push_back(std::move(strip));
+  // Ring and strip of the only tag that is seen of them are the same trial, of this tag.
+  const std::set<int> seen = seenTags(arm);
+  std::set<std::string> names;
+  for (Row& row : rows) {
+    std::vector<int> shown;
+    for (const int tag : row.tags) {
+      if (seen.count(tag) > 0) shown.push_back(tag);
     }
+    if (shown.size() == 1) row = rowOf(layout, shown);
+    if (!shown.empty() && names.insert(row.name).second) addTurnsOf(row, layout, trials);
   }
 }
 
@@ -463,7 +534,8 @@ void addPictureTrials(const ArmCaptures& arm, std::vector<Trial>& trials) {
   const auto resize = [](double factor, Case& one) { one.arms.front().layout.size *= factor; };
   const auto resized = [](double, const Calibration& fit) {
     return text("write tags.size_m: ", std::round(1e5 * fit.layout.size) / 1e5,
-                " into the scene, measured over the outer edge of the black border");
+                " into the scene, measured over the outer edge of the black border (of families "
+                "Circle, Custom and Standard over its inner edge, around the white square)");
   };
   const std::vector<double> factors{0.6, 0.8, 1.25, 1.6};
   const double least = arm.captures.size() == 1 ? kLeastTagErrorOfOne : kLeastTagError;
@@ -548,7 +620,7 @@ std::vector<Trial> trialsFor(const ArmCaptures& arm, const CalibrationOptions& o
   const bool corners = kind == ReadingKind::kCorners, tags = corners || kind == ReadingKind::kPoses;
   if (tags) {
     addRowTrials(arm.layout, trials);
-    addTurns(arm.layout, kind, options, trials);
+    addTurns(arm, kind, options, trials);
   }
   if (corners) addPictureTrials(arm, trials);
   if (tags && !options.base) addMove(corners, trials);
@@ -642,6 +714,26 @@ struct Evidence {
   bool inside;  // all pressures are within their limits
 };
 
+// The suspect of a trial that explains so much; nothing if its fit shows no mistake.
+std::optional<Suspect> shown(const Found& one, double explains, const Evidence& evidence,
+                             const Misfit& misfit) {
+  const Trial& trial = *one.trial;
+  Case corrected{evidence.read, misfit.options()};
+  trial.correct(one.size, corrected);
+  clampPressures(corrected.arms);
+  const Calibration fit = calibrate(corrected.arms, corrected.options);
+  if (fit.shapes.empty()) return std::nullopt;  // refused
+  if (trial.shows && !trial.shows(fit)) return std::nullopt;
+  const model::Arm& arm = evidence.read.front().arm;
+  const std::string where =
+      trial.where.empty() ? arm.actuator(oddMuscle(fit.length_scale)).name : trial.where;
+  Suspect suspect{trial.cause, where, explains, trial.remedy(one.size, fit), {}, {}};
+  if (trial.cause.rfind("tag", 0) == 0) suspect.layout = corrected.arms.front().layout;
+  if (trial.place) trial.place(*suspect.layout);
+  if (trial.corrects_captures) suspect.corrected = std::move(corrected.arms);
+  return suspect;
+}
+
 // The suspect of a trial; nothing if it explains too little, or is too small for a mistake.
 std::optional<Suspect> named(const Found& one, const Evidence& evidence, const Misfit& misfit) {
   const Trial& trial = *one.trial;
@@ -657,20 +749,37 @@ std::optional<Suspect> named(const Found& one, const Evidence& evidence, const M
   const double beyond = before.mean - std::min(1.0, one.misfit);
   const double explains = beyond > 0 ? (before.mean - one.misfit) / beyond : 0;
   if (explains < (evidence.inside ? kLeastShare : kLeastShareInside)) return std::nullopt;
-  Case corrected{evidence.read, misfit.options()};
-  trial.correct(one.size, corrected);
-  clampPressures(corrected.arms);
-  const Calibration fit = calibrate(corrected.arms, corrected.options);
-  if (fit.shapes.empty()) return std::nullopt;  // refused
-  if (trial.shows && !trial.shows(fit)) return std::nullopt;
-  const model::Arm& arm = evidence.read.front().arm;
-  const std::string where =
-      trial.where.empty() ? arm.actuator(oddMuscle(fit.length_scale)).name : trial.where;
-  Suspect suspect{trial.cause, where, explains, trial.remedy(one.size, fit), {}, {}};
-  if (trial.cause.rfind("tag", 0) == 0) suspect.layout = corrected.arms.front().layout;
-  if (trial.place) trial.place(*suspect.layout);
-  if (trial.corrects_captures) suspect.corrected = std::move(corrected.arms);
-  return suspect;
+  return shown(one, explains, evidence, misfit);
+}
+
+// Tags that are turned alone, which the mean square leaves out: no capture fits them until they
+// are.
+std::vector<Suspect> turnedAlone(const Evidence& evidence, const Misfit& misfit) {
+  constexpr std::size_t kMost = 3;
+  const ArmCaptures& arm = evidence.read.front();
+  const double far = kFar * kFar * evidence.before.usual;
+  std::vector<int> odd;
+  for (const auto& [tag, square] : evidence.before.of_tag) {
+    if (square > far) odd.push_back(tag);
+  }
+  std::vector<Suspect> out;
+  if (arm.captures.size() < 2 || odd.size() > kMost) return {};
+  for (const int tag : odd) {
+    std::vector<Trial> trials;
+    addTurnsOf(rowOf(arm.layout, {tag}), arm.layout, trials);
+    for (const Trial& trial : trials) {
+      Case one{evidence.read, misfit.options()};
+      trial.correct(0, one);
+      const std::optional<Square> after = misfit.of(one);
+      if (!after || after->of_tag.at(tag) > far) continue;
+      const double before = evidence.before.of_tag.at(tag), left = after->of_tag.at(tag);
+      const double explains = (before - left) / (before - std::min(1.0, left));
+      if (auto suspect = shown({0, after->mean, 1, &trial}, explains, evidence, misfit)) {
+        out.push_back(*suspect);
+      }
+    }
+  }
+  return out;
 }
 
 // The suspects of all trials, the best first.
@@ -699,6 +808,13 @@ std::vector<Suspect> namedOf(const std::vector<Found>& found, const Evidence& ev
 
 }  // namespace
 
+bool isCertain(const std::vector<Suspect>& suspects, double noise) {
+  constexpr double kCertain = 0.9, kCertainFar = 0.5;
+  const double least = noise > kFarNoise ? kCertainFar : kCertain;
+  return std::any_of(suspects.begin(), suspects.end(),
+                     [least](const Suspect& one) { return one.explains >= least; });
+}
+
 std::vector<Suspect> suspectsOf(const std::vector<ArmCaptures>& arms,
                                 const CalibrationOptions& options,
                                 const std::function<bool()>& stop) {
@@ -714,17 +830,23 @@ std::vector<Suspect> suspectsOf(const std::vector<ArmCaptures>& arms,
   if (!fitted && !*outside) return {};
   Evidence evidence{read, fitted.value_or(Square{kNoFit, static_cast<int>(kNoFit)}),
                     fitted && !*outside};
-  // A wrong tag size is taken up by the bleeding, as far as it is fitted.
-  if (std::abs(evidence.before.bleed) > kMostBleed * options.bleed_prior) {
+  // A wrong tag size is taken up by the bleeding, and a tag that is glued otherwise by its
+  // placement, as far as they are fitted.
+  const bool placed = options.tags && evidence.before.mean > kFar * kFar;
+  if (placed || std::abs(evidence.before.bleed) > kMostBleed * options.bleed_prior) {
     given.options.bleed = false;
+    given.options.tags = options.tags && !placed;
+    given.options.base = options.base || (placed && options.free_shapes);
     misfit = Misfit(given.options, stop, false);
     evidence.before = misfit.of(given, true, true).value_or(evidence.before);
   }
-  if (evidence.inside && evidence.before.mean < kAsNoise) return {};
+  const auto alone = [&] { return turnedAlone(evidence, misfit); };
+  if (evidence.inside && evidence.before.mean < kAsNoise) return alone();
   const std::vector<Trial> trials = trialsFor(read.front(), options, kindOf(firstReading(read)));
   const std::vector<Found> found =
       bestOf(trials, read, Misfit(misfit.options(), stop, true), misfit);
-  return namedOf(found, evidence, misfit);
+  std::vector<Suspect> out = namedOf(found, evidence, misfit);
+  return out.empty() ? alone() : out;
 }
 
 }  // namespace helix_arm::estimation

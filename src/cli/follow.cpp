@@ -173,6 +173,11 @@ json proofJson(const procedures::ContactProof& proof) {
           {proof.normalised ? "found_force_per_K_eps" : "found_force_n", proof.force}};
 }
 
+double secondsOf(const FollowReport& report) {
+  const bool known = !report.plan.to_path_end || report.result.rows.empty();
+  return known ? report.plan.seconds : report.result.rows.back().time;
+}
+
 json reportOf(const FollowReport& report) {
   const procedures::FollowFigures& figures = report.result.figures;
   json states = json::array(), settle = json::array();
@@ -186,7 +191,7 @@ json reportOf(const FollowReport& report) {
            {"seed", report.plan.seed},
            {"sight", visionName(report.plan)},
            {"open", report.plan.open},
-           {"seconds", report.plan.seconds},
+           {"seconds", secondsOf(report)},
            {"pictures", report.result.pictures},
            {"reason", textOrNull(reasonOf(report))},
            {"path_rms_m", toJson(figures.path_rms)},
@@ -321,8 +326,8 @@ void check(FollowArguments& arguments) {
     plan.seconds = procedures::kProofTime;
   } else if (arguments.tip.empty() == arguments.path.empty()) {
     throw CallerError("give either --tip or --path");
-  } else if (!arguments.seconds) {
-    throw CallerError("--seconds is required");
+  } else if (!arguments.seconds && arguments.path.empty()) {
+    throw CallerError("--seconds is required with --tip");
   }
   plan.seconds = arguments.seconds.value_or(plan.seconds);
 }
@@ -338,6 +343,7 @@ FollowPlan planOf(const FollowArguments& arguments, const io::Scene& scene) {
     plan.tips = tipsOf(arguments);
   } else {
     plan.path = pathOf(arguments, scene);
+    if (!arguments.seconds) procedures::endWithPath(plan);
   }
   return plan;
 }
@@ -444,7 +450,8 @@ void addGoal(CLI::App& command, FollowArguments& arguments) {
   command.add_flag("--prove-contact", arguments.plan.ignore_contacts,
                    "nobody touches the arm: moves it, and sets the limit of contacts and what "
                    "follows from them");
-  addOption(command, "--seconds", arguments.seconds, "simulated time [s]; 400 for --prove-contact",
+  addOption(command, "--seconds", arguments.seconds,
+            "simulated time [s]; with --path, unless given, until its end; 400 for --prove-contact",
             TypeName{"S"}, within(kSeconds));
   command.add_flag("--open", arguments.plan.open, "keep the loop open: the model alone commands");
 }

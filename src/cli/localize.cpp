@@ -46,7 +46,7 @@ json suspicionsOf(const estimation::TwistFit& fit, const estimation::TwistFitOpt
   }
   if (options.free_bleed) {
     judge("bleed_m", std::abs(fit.bleed) / options.bleed_prior,
-          "check tags.size_m (the black border's outer edge) and the exposure, or widen "
+          "check tags.size_m (`helix_arm tags` prints over which edge) and the exposure, or widen "
           "vision.bleed_prior_m");
   }
   return suspicions;

@@ -25,6 +25,7 @@ const char* const kFooter =
     "Units: pressures are gauge; kPa where an option says so, otherwise SI. Poses and twists\n"
     "are seen from the arm's base, x along the arm. A twist is [vx,vy,vz,wx,wy,wz] in m and\n"
     "rad over a whole section.\n"
+    "Derivatives (the Jacobian of tip and shape): in Python, helix_arm.Scene.jacobian().\n"
     "json and csv stand alone on stdout, with all digits; messages go to stderr.\n"
     "Exit codes: 0 done; 1 the data did not allow it (the reason is in the result); 2 the\n"
     "call or a document is wrong (the reason is on stderr).";

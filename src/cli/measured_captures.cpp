@@ -318,11 +318,13 @@ json shownOf(const io::Scene& scene, const std::vector<FittedCapture>& captures,
 
 int runFit(const CaptureOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadScene(options.scene, global);
-  const std::vector<FittedCapture> captures = fitCaptures(scene, io::loadDataSet(options.data));
+  const io::DataSet data = io::loadDataSet(options.data);
+  const std::vector<FittedCapture> captures = fitCaptures(scene, data);
   std::vector<estimation::Capture> seen;
   for (const FittedCapture& one : captures) seen.push_back({one.number, one.pressure, one.seen});
   const std::vector<estimation::Suspect> suspects = procedures::tagSuspectsOf(scene, seen);
-  const json report = reportOf(scene, captures, suspects);
+  json report = reportOf(scene, captures, suspects);
+  report["missing_columns"] = missingColumns(scene, data);
   json shown = shownOf(scene, captures, report);
   for (const std::string& text : procedures::textsOf(suspects)) shown["notes"].push_back(text);
   printResult(global.format, report, shown, [&] { return csvTable(scene, report); });
@@ -403,7 +405,8 @@ int evaluateTags(const io::Scene& scene, const io::DataSet& data, Format format)
   const bool corners = data.find("x1_px") >= 0;
   const std::vector<FittedCapture> captures =
       corners ? fitCorners(scene, data) : fitCaptures(scene, data);
-  const json report = comparisonOf(scene, captures, corners ? "fit_rms_px" : "fit_rms_m");
+  json report = comparisonOf(scene, captures, corners ? "fit_rms_px" : "fit_rms_m");
+  report["missing_columns"] = missingColumns(scene, data);
   json shown = without(report, {"converged", "usual_fit_rms_m"});
   const auto noteOn = [](const statics::Solution& model) {
     return model.converged() ? "" : reasonForNoShape(model.status);
@@ -460,6 +463,7 @@ int evaluateCurvature(const io::Scene& scene, const io::DataSet& data, Format fo
                     {"rms_rad", count > 0 ? json(std::sqrt(square / count)) : json()},
                     {"max_rad", count > 0 ? json(most) : json()},
                     {"reason", reason},
+                    {"missing_columns", missingColumns(scene, data)},
                     {"points", without(points, {"difference_rad"})}};
   json shown = report;
   shown["points"] = points;
@@ -532,6 +536,7 @@ int evaluateSeries(const io::Scene& scene, const io::DataSet& data, const Captur
                                        "check load and stiffness of the scene")}};
   report.update(residualJson(found.all));
   report["trials"] = trials;
+  report["missing_columns"] = missingColumns(scene, data);
   report["png"] = solved ? textOrNull(options.png) : json();
   if (!options.png.empty() && solved) {
     procedures::drawReport(plotOf(scene, tips, found).dump(), options.png, "leave out --png");

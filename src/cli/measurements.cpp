@@ -66,9 +66,19 @@ std::string whyUndetermined(const io::Scene& scene, const std::vector<int>& tags
          "different sides of the arm";
 }
 
+nlohmann::json missingColumns(const io::Scene& scene, const io::DataSet& data) {
+  const int actuators = scene.arm.actuatorCount();
+  const std::string warning = io::missingText(data, actuators);
+  if (warning.empty()) return nlohmann::json::array();
+  std::cerr << "warning: " << warning << "\n";
+  return io::missingPressures(data, actuators);
+}
+
 model::InputHistory historyOfFile(const io::Scene& scene, const std::string& path) {
   requirePressureDriven(scene);
-  return io::historyOf(io::loadDataSet(path), scene.arm.actuatorCount());
+  const io::DataSet data = io::loadDataSet(path);
+  missingColumns(scene, data);
+  return io::historyOf(data, scene.arm.actuatorCount());
 }
 
 std::string noteOnResponse(const model::Arm& arm) {
@@ -109,6 +119,7 @@ Eigen::MatrixXd inputRowsOf(const io::Scene& scene, const io::DataSet& data) {
     if (hasTendon(arm) && data.find(printed) >= 0) names.back() = printed;
   }
   const bool in_si = hasTendon(arm) || data.find(names.front()) >= 0;
+  if (!in_si) missingColumns(scene, data);
   Eigen::MatrixXd inputs =
       in_si ? columnsOf(data, names) : io::pressuresOf(data, arm.actuatorCount());
   for (Eigen::Index row = 0; row < inputs.rows(); ++row) {

@@ -34,6 +34,10 @@ inline constexpr char kHistoryHelp[] =
     "time_s and trial; the arm's response follows them";
 
 /// The history of a file. @throws CallerError if the arm has tendons, io::DocumentError on faults.
+/// Prints a warning on stderr if the data set has no column for some pressures, which count as 0.
+/// @return their names, for a result's `missing_columns`.
+nlohmann::json missingColumns(const io::Scene& scene, const io::DataSet& data);
+
 model::InputHistory historyOfFile(const io::Scene& scene, const std::string& path);
 
 /// What a result without history leaves out; empty for an arm without responses.

@@ -6,6 +6,7 @@
 #include "arguments.hpp"
 #include "command.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/procedures/report_plot.hpp"
 #include "helix_arm/procedures/unrolled_tags.hpp"
 #include "helix_arm/vision/charuco_board.hpp"
@@ -73,9 +74,13 @@ json armJson(const io::Scene& scene) {
                     {"tilt", tag.tilt},
                     {"cells", rowsOf(family.cells(tag.id))}});
   }
-  return {{"scene", scene.name},        {"family", family.name()},
-          {"size_m", scene.tags->size}, {"border_cells", family.borderCells()},
-          {"sections", sections},       {"tags", tags}};
+  return {{"scene", scene.name},
+          {"family", family.name()},
+          {"size_m", scene.tags->size},
+          {"border_cells", family.borderCells()},
+          {"size_edge", family.sizeEdge()},
+          {"sections", sections},
+          {"tags", tags}};
 }
 
 json gridJson(double x, double y, double cell, const json& cells) {
@@ -172,6 +177,11 @@ int run(const TagsArguments& arguments, const GlobalOptions& global) {
   shown.erase("ids");
   shown["board"] = textOrNull(arguments.board.kind);
   shown["notes"] = {"print at 100 % (\"actual size\"); both rulers must then be 100 mm long"};
+  if (print.scene) {
+    shown["notes"].push_back("each tag then measures " +
+                             basics::format("%g mm over the ", 1e3 * print.scene->tags->size) +
+                             vision::TagFamily(print.scene->vision.detector.family).sizeEdge());
+  }
   printResult(global.format, report, shown, [&counts] {
     return cellsOf(counts, {"scene", "tags", "size_m", "board", "paper", "pages", "out"});
   });

@@ -2,6 +2,8 @@
 #include <cstdio>
 #include <iomanip>
 #include <iterator>
+#include <map>
+#include <utility>
 
 #include "helix_arm/basics/pi.hpp"
 #include "helix_arm/basics/quote.hpp"
@@ -177,6 +179,17 @@ struct Column {
   std::size_t width = 0;
 };
 
+// Number of rows that have the same text below the same title.
+std::map<std::pair<std::string, std::string>, int> rowsByText(const std::vector<Leaves>& rows) {
+  std::map<std::pair<std::string, std::string>, int> out;
+  for (const Leaves& leaves : rows) {
+    for (const Leaf& leaf : leaves) {
+      if (leaf.isText()) ++out[{leaf.title(), leaf.text()}];
+    }
+  }
+  return out;
+}
+
 void printTable(const json& rows, int indent, std::ostream& out) {
   std::vector<Leaves> all;
   std::vector<Column> columns;
@@ -214,6 +227,8 @@ void printTable(const json& rows, int indent, std::ostream& out) {
     if (!line.empty()) out << space << line << "\n";
   };
   printRow([](const Column& column) { return column.title; });
+  // A long text that several rows have stands below the first of them.
+  std::map<std::pair<std::string, std::string>, int> rows_with = rowsByText(all);
   std::size_t i = 0;
   for (const auto& [key, row] : rows.items()) {
     const Leaves& leaves = all[i++];
@@ -225,8 +240,13 @@ void printTable(const json& rows, int indent, std::ostream& out) {
       return "-";
     });
     for (const Leaf& leaf : leaves) {
-      if (!leaf.value->is_null() && columnOf(leaf).below)
-        printLeaf(leaf, 0, indent + 2 * kStep, out);
+      if (leaf.value->is_null() || !columnOf(leaf).below) continue;
+      const int count =
+          leaf.isText() ? std::exchange(rows_with[{leaf.title(), leaf.text()}], 0) : 1;
+      if (count == 1) printLeaf(leaf, 0, indent + 2 * kStep, out);
+      if (count <= 1) continue;
+      const json told = leaf.shown() + " (" + std::to_string(count) + " rows)";
+      printLeaf({leaf.name, nullptr, &told, leaf.rank}, 0, indent + 2 * kStep, out);
     }
   }
 }

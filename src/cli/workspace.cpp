@@ -210,9 +210,12 @@ class Progress {
     const double rate = static_cast<double>(done) / std::max(now, 1e-9);
     const auto left =
         static_cast<long>(std::ceil(static_cast<double>(total_ - done) / std::max(rate, 1e-9)));
-    const std::string text = basics::format("%3d %%, %.3g points/s, %ld:%02ld:%02ld h left",
-                                            static_cast<int>(100 * done / total_), rate,
-                                            left / 3600, left / 60 % 60, left % 60);
+    const long minutes = left / 60;
+    const std::string text =
+        basics::format("%3d %%, %.3g points/s, ", static_cast<int>(100 * done / total_), rate) +
+        (minutes >= 60 ? basics::format("%ld h %02ld min left", minutes / 60, minutes % 60)
+         : minutes > 0 ? basics::format("%ld min %02ld s left", minutes, left % 60)
+                       : basics::format("%ld s left", left));
     if (!terminal_) {
       std::cerr << text << "\n";
     } else {  // past std::cerr, which escapes control characters; the last one erases the rest

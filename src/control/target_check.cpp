@@ -86,6 +86,12 @@ std::string warningText(const std::string& what, double largest, const std::stri
 
 }  // namespace
 
+const char* whyLate(double age) {
+  constexpr double kOtherClock = 600.0;  // [s]
+  return age > kOtherClock ? "look for a recording, or for a machine whose clock differs"
+                           : "see whether a computer is too busy, then synchronise the clocks";
+}
+
 const char* nameOf(Fault fault) { return kNames[static_cast<std::size_t>(fault)]; }
 
 Checked<Eigen::VectorXd> checkPressures(const model::Arm& arm, const model::InputRef& command,
@@ -111,7 +117,7 @@ std::optional<Refusal> checkAge(double age, double timeout, Timed what) {
   }
   if (!(age > timeout)) return std::nullopt;
   return refuse(Fault::kStale, name, " is stamped ", age, " s ago, more than ", timeout, " s (",
-                key, "); send fresh ones, and synchronise the clocks");
+                key, "); send fresh ones: ", whyLate(age));
 }
 
 Refusal restedRefusal(double pause) {

@@ -68,6 +68,12 @@ bool Camera::distorts() const {
   return std::any_of(distortion.begin(), distortion.end(), [](double k) { return k != 0; });
 }
 
+bool Camera::isCentred() const {
+  constexpr double kFarthest = 0.2;
+  return std::abs(cx - 0.5 * width) <= kFarthest * width &&
+         std::abs(cy - 0.5 * height) <= kFarthest * height;
+}
+
 std::optional<Eigen::Vector2d> Camera::project(const Eigen::Vector3d& p_C) const {
   if (!(p_C.z() > 0)) return std::nullopt;
   const double x = p_C.x() / p_C.z(), y = p_C.y() / p_C.z();

@@ -166,6 +166,9 @@ std::vector<estimation::Parameter> numbersOf(const ResponseFit& fit,
   return out;
 }
 
+// Largest RMS turn between a series and the fitted arm [rad].
+constexpr double kMostTurn = 0.8;
+
 // Before a capture, whose arm is at rest, effective pressures are averaged for so long [s].
 constexpr double kEffectiveMean = 0.5;
 // A series reaches so far beyond its last row [s].
@@ -495,9 +498,10 @@ class CalibrationJob {
 
   Refusal fitArm() {
     if (request_.apply_suspect != 0 &&
-        (!fitsArm() || ofSeries() || fitsCurve() || !request_.errors)) {
-      return "a suspect is corrected in captures to which an arm is fitted with its errors; leave "
-             "it out of a fit of series, curves or responses alone, and of one without errors";
+        (!fitsArm() || (fitsCurve() && !ofSeries()) || !request_.errors)) {
+      return "a suspect is corrected in captures or a series to which an arm is fitted with its "
+             "errors; leave it out of a fit of curves or responses alone, and of one without "
+             "errors";
     }
     if (!fitsArm()) {
       if (companions_.empty()) return std::nullopt;
@@ -575,16 +579,15 @@ class CalibrationJob {
 
   // Why the fitted arm is not that of the captures.
   Refusal refuseFar() const {
-    if (request_.force || !outcome_.calibration) return std::nullopt;
-    // Where a suspect explains nearly all of an excess that is no small one.
-    constexpr double kLeastNoise = 1.4;
-    constexpr double kMostNoise = 5.0;
+    if (request_.force) return std::nullopt;
+    if (outcome_.series) return refuseFarSeries();
+    if (!outcome_.calibration) return std::nullopt;
     const double noise = outcome_.calibration->noise_scale;
-    if (request_.apply_suspect == 0 && !outcome_.suspects.empty() && noise > kLeastNoise &&
-        outcome_.suspects.front().explains >= estimation::kCertain) {
+    if (request_.apply_suspect == 0 && estimation::isCertain(outcome_.suspects, noise)) {
       return refusedFor("a usual mistake explains the captures far better than the fitted arm");
     }
     const double beyond = noise / outcome_.calibration->usual_scale;
+    constexpr double kMostNoise = estimation::kFarNoise;
     if (beyond > kMostNoise) {
       return refusedFor(
           basics::messageOf("the readings are ", std::round(10 * beyond) / 10,
@@ -644,10 +647,12 @@ class CalibrationJob {
     options.curve = request_.contraction;
     options.ring_radius = fits(FitParameter::kRingRadius);
     options.ring_phase = fits(FitParameter::kRingPhase);
-    outcome_.series =
-        estimation::fitSeries({scene_->model, scene_->X_BF}, ofArm(data_.tips), options);
+    estimation::TipSeries tips = soundRowsOf(ofArm(data_.tips));
+    const estimation::SeriesPrior prior{scene_->model, scene_->X_BF};
+    outcome_.series = estimation::fitSeries(prior, tips, options);
+    if (auto refusal = suspectSeries(prior, options, tips)) return refusal;
     const estimation::SeriesFit& fit = *outcome_.series;
-    if (!fit.failure.empty()) return fit.failure;
+    if (!fit.failure.empty()) return fit.failure + firstSuspect();
     warnOfLimits();
     changes_.stiffness = fit.stiffness;
     changes_.bending = fit.bending;
@@ -671,6 +676,86 @@ class CalibrationJob {
       if (options.response) curves_.responses.emplace_back(name, fit.response);
     }
     outcome_.contractions = curves_.contractions;
+    return std::nullopt;
+  }
+
+  // Without the rows that cannot be positions of the tip, which are named.
+  estimation::TipSeries soundRowsOf(estimation::TipSeries tips) {
+    const estimation::SeriesFaults faults = estimation::faultyRows(tips);
+    const auto leaveOut = [&](const std::vector<Eigen::Index>& rows, const char* what) {
+      if (rows.empty()) return;
+      std::string where;
+      for (std::size_t k = 0; k < rows.size() && k < 3 && !tips.history.time.empty(); ++k) {
+        where += (k == 0 ? ", at time_s " : ", ") +
+                 io::formatNumber(tips.history.time[static_cast<std::size_t>(rows[k])]);
+      }
+      warn({basics::messageOf(rows.size(), rows.size() == 1 ? " row is " : " rows are ", what,
+                              where, rows.size() > 3 ? ", ..: left out" : ": left out")});
+      for (const Eigen::Index row : rows) tips.position.row(row).setConstant(std::nan(""));
+    };
+    leaveOut(faults.zero, "exactly at the origin, as where tracking is lost");
+    leaveOut(faults.frozen, "frozen while the pressures change");
+    leaveOut(faults.far, "far from the rows about them");
+    return tips;
+  }
+
+  // Names the usual mistakes of a recording that the arm does not fit, and corrects one if asked
+  // to.
+  Refusal suspectSeries(const estimation::SeriesPrior& prior,
+                        const estimation::SeriesOptions& options, estimation::TipSeries& tips) {
+    constexpr double kAsNoise = 1.5;  // times the error of a cubic of the pressures
+    estimation::SeriesFit& fit = *outcome_.series;
+    const bool sound = fit.failure.empty() && fit.rms <= kAsNoise * fit.baseline_rms &&
+                       !(fit.rms_turn > kMostTurn);
+    std::vector<estimation::SeriesSuspect> found;
+    if (request_.errors && !sound) found = estimation::suspectsOf(prior, tips, options);
+    for (const estimation::SeriesSuspect& one : found) outcome_.suspects.push_back(one.suspect);
+    const int asked = request_.apply_suspect, count = static_cast<int>(found.size());
+    if (asked == 0) {
+      warn(textsOf(outcome_.suspects));
+      return std::nullopt;
+    }
+    if (asked < 1 || asked > count) {
+      return basics::messageOf("suspect ", asked, " is not among the ", count,
+                               " that the series gives; leave it out to see them");
+    }
+    estimation::SeriesSuspect& chosen = found[static_cast<std::size_t>(asked - 1)];
+    if (chosen.corrected.position.rows() == 0) {
+      return basics::messageOf("suspect ", asked, ", ", chosen.suspect.cause,
+                               ", is not of the recording: ", chosen.suspect.remedy);
+    }
+    tips = std::move(chosen.corrected);
+    fit = estimation::fitSeries(prior, tips, options);
+    warn({basics::messageOf("calibrated as if without ", chosen.suspect.cause, " (",
+                            chosen.suspect.where, ")")});
+    return std::nullopt;
+  }
+
+  // Why the fitted arm is not that of the series.
+  Refusal refuseFarSeries() const {
+    const estimation::SeriesFit& fit = *outcome_.series;
+    // What a cubic of the pressures leaves, and what the geometry of a sound arm may be off by.
+    constexpr double kUsual = 0.02;  // of the arm's length
+    const double usual = std::hypot(fit.baseline_rms, kUsual * scene_->arm.restLength());
+    if (request_.apply_suspect == 0 && estimation::isCertain(outcome_.suspects, fit.rms / usual)) {
+      return refusedFor("a usual mistake explains the series far better than the fitted arm");
+    }
+    if (fit.rms > estimation::kFarNoise * usual) {
+      return refusedFor(basics::messageOf("the fitted arm is ", std::round(1e4 * fit.rms) / 10,
+                                          " mm (RMS) off the series, where a "
+                                          "cubic of the pressures is ",
+                                          std::round(1e4 * fit.baseline_rms) / 10,
+                                          " mm off; expected "
+                                          "at most ",
+                                          estimation::kFarNoise,
+                                          " times that and 2 % of the arm's length"));
+    }
+    if (fit.rms_turn > kMostTurn) {
+      return refusedFor(basics::messageOf(
+          "the orientations are ", std::round(fit.rms_turn * 180 / M_PI),
+          " deg (RMS) off the fitted "
+          "arm; expected those of the tip's frame, x along the arm, or positions alone"));
+    }
     return std::nullopt;
   }
 
@@ -783,12 +868,13 @@ class CalibrationJob {
 
 }  // namespace
 
-std::optional<double> medianTipError(const io::Scene& scene,
-                                     const std::vector<estimation::Capture>& captures) {
-  if (!scene.tags) return std::nullopt;
+std::vector<double> tipErrors(const io::Scene& scene,
+                              const std::vector<estimation::Capture>& captures) {
+  std::vector<double> errors(captures.size(), std::nan(""));
+  if (!scene.tags) return errors;
   estimation::TwistFitter fitter(*scene.tags, scene.arm.sectionCount(), scene.vision.fit);
-  std::vector<double> errors;
-  for (const estimation::Capture& capture : captures) {
+  for (std::size_t i = 0; i < captures.size(); ++i) {
+    const estimation::Capture& capture = captures[i];
     const auto* const corners = std::get_if<CornersOfTags>(&capture.reading);
     const auto* const poses = std::get_if<PosesOfTags>(&capture.reading);
     const bool seen = (corners != nullptr && !corners->empty() && scene.camera) ||
@@ -799,8 +885,16 @@ std::optional<double> medianTipError(const io::Scene& scene,
     const estimation::TwistFit& fit = fitTags(scene, capture.reading, model.shape, fitter);
     if (fit.status != estimation::FitStatus::kConverged) continue;
     const lie::SE3 tip = fit.X_B0B * model::tipPose(fit.shape);
-    errors.push_back((tip.translation - model.tip.translation).norm());
+    errors[i] = (tip.translation - model.tip.translation).norm();
   }
+  return errors;
+}
+
+std::optional<double> medianTipError(const io::Scene& scene,
+                                     const std::vector<estimation::Capture>& captures) {
+  std::vector<double> errors = tipErrors(scene, captures);
+  errors.erase(std::remove_if(errors.begin(), errors.end(), [](double e) { return std::isnan(e); }),
+               errors.end());
   if (errors.empty()) return std::nullopt;
   return basics::medianOf(std::move(errors));
 }

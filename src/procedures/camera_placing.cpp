@@ -121,9 +121,7 @@ void suspect(io::Scene scene, const std::vector<estimation::CornerObservation>& 
   if (placed) scene.camera->X_WC = out.X_WC;
   out.suspects = tagSuspectsOf(scene, {{1, scene.arm.inputAt(0.0), seen}});
   if (out.suspects.empty()) return;
-  const bool certain = std::any_of(out.suspects.begin(), out.suspects.end(), [](const auto& one) {
-    return one.explains >= estimation::kCertain;
-  });
+  const bool certain = estimation::isCertain(out.suspects, 1.0);
   if (placed && !out.outliers.empty() && !certain) return out.suspects.clear();
   const std::vector<std::string> texts = textsOf(out.suspects);
   if (out.reason.empty() && certain) {

@@ -435,7 +435,12 @@ void addCaptures(std::vector<estimation::Capture> captures, const std::string& f
 
 void addDataSet(const io::Scene& scene, const io::DataSet& set, CalibrationData& data) {
   int count = static_cast<int>(set.values.rows());
-  switch (kindOf(set)) {
+  const DataKind kind = kindOf(set);
+  if (kind != DataKind::kLengths) {
+    const std::string missing = io::missingText(set, scene.arm.actuatorCount());
+    if (!missing.empty()) data.warnings.push_back(missing);
+  }
+  switch (kind) {
     case DataKind::kLengths:
       append(lengthSeriesOf(set), set.path, data.lengths);
       break;

@@ -330,6 +330,8 @@ class FollowRun {
         told = lockstep_.time();
         if (!progress(told)) return;
       }
+      const std::optional<double>& path_time = out_.rows.back().path_time;
+      if (plan_.to_path_end && path_time && *path_time > plan_.path->lastTime()) break;
     }
     out_.budget = loop_.budget();
     if (out_.pictures == 0) out_.why_unseen = lockstep_.whyUnseen();
@@ -418,6 +420,12 @@ class FollowRun {
 };
 
 }  // namespace
+
+void endWithPath(FollowPlan& plan) {
+  constexpr double kLongestApproach = 60;  // [s]
+  plan.to_path_end = true;
+  plan.seconds = plan.path->lastTime() + kLongestApproach;
+}
 
 std::string failureOf(const FollowPlan& plan, const FollowResult& result) {
   if (!result.vented.empty()) return "the arm was vented: " + result.vented;

@@ -22,6 +22,7 @@
 #include "helix_arm/procedures/unrolled_tags.hpp"
 #include "helix_arm/regulator/config.hpp"
 #include "helix_arm/simulation/simulated_vision.hpp"
+#include "helix_arm/statics/load.hpp"
 #include "helix_arm/statics/tier.hpp"
 
 namespace helix_arm::procedures {
@@ -86,6 +87,63 @@ void checkCurves(const io::Scene& scene, std::vector<Finding>& findings) {
                               "the mean slope); expected 20 % at most",
                           "raise min_pressure_kpa, or lower max_pressure_kpa, to leave that out"});
     }
+  }
+}
+
+// In squares of the ring's radius: pressure then bends the section by 1 % of what its ring allows.
+constexpr double kMostBending = 100;
+// In forces that the pressure range has on the cross-section of a muscle.
+constexpr double kLeastExtensional = 0.02, kMostExtensional = 1000;
+
+void checkBending(const std::string& section, double K_kappa, double radius,
+                  std::vector<Finding>& findings) {
+  const double square = radius * radius;
+  if (square == 0 || K_kappa <= kMostBending * square) return;
+  const bool is_mm = 1e-6 * K_kappa > 0.01 * square;
+  findings.push_back({Severity::kFault, "K_kappa", section,
+                      "its K_kappa_m2 is " + figure(K_kappa) + " m^2; expected at most " +
+                          figure(kMostBending * square) + ", 100 times the ring's radius squared",
+                      "give it in m^2: " + figure((is_mm ? 1e-6 : 1e-4) * K_kappa) +
+                          " if it is in " + (is_mm ? "mm^2" : "cm^2")});
+}
+
+void checkExtensional(const std::string& section, double K_eps, double least, double most,
+                      std::vector<Finding>& findings) {
+  if (K_eps >= least && K_eps <= most) return;
+  const bool low = K_eps < least;
+  findings.push_back({Severity::kFault, "K_eps", section,
+                      "its K_eps_n is " + figure(K_eps) + " N; expected " + figure(least) + " to " +
+                          figure(most) +
+                          ", from the pressures and the cross-section of a muscle, and the load",
+                      "give it in N: " + figure((low ? 1e3 : 1e-3) * K_eps) + " if it is in " +
+                          (low ? "kN" : "mN") + "; check muscle_radius_m and load"});
+}
+
+void checkStiffness(const io::Scene& scene, std::vector<Finding>& findings) {
+  const std::optional<statics::Load>& load = scene.model.load();
+  Eigen::Vector3d pull = Eigen::Vector3d::Zero();
+  if (load) {
+    for (const double mass : load->mass) pull += mass * load->gravity;
+    for (const statics::PointLoad& point : load->points) pull += load->forceOf(point);
+  }
+  for (int k = 0; k < scene.arm.sectionCount(); ++k) {
+    const io::SectionLook& look = scene.looks[static_cast<std::size_t>(k)];
+    const int begin = scene.arm.firstActuator(k), end = scene.arm.firstActuator(k + 1);
+    double radius = 0, K_kappa = 0, force = 0;
+    for (int i = begin; i < end; ++i) {
+      const model::Actuator& actuator = scene.arm.actuator(i);
+      radius = std::max(radius, actuator.X_O.translation.norm());
+      K_kappa = std::max(K_kappa, actuator.stiffness.kappa);
+      if (!model::isPressure(actuator.drive)) continue;
+      force = std::max(force, (actuator.limits.upper - actuator.limits.lower) * basics::kPi *
+                                  std::pow(look.muscle_radius, 2));
+    }
+    checkBending(look.name, K_kappa, radius, findings);
+    if (!load || force == 0) continue;
+    // A load that doubles the length of the muscles that bear it is none of this arm.
+    checkExtensional(look.name, load->K_eps[static_cast<std::size_t>(k)],
+                     std::max(kLeastExtensional * force, pull.norm() / (end - begin)),
+                     kMostExtensional * force, findings);
   }
 }
 
@@ -437,6 +495,33 @@ void checkCamera(const io::Scene& scene, std::vector<Finding>& findings) {
     return;
   }
   const estimation::Camera& camera = scene.camera->model;
+  if (!camera.isCentred()) {
+    findings.push_back({Severity::kFault, "camera_centre", "camera",
+                        "its principal point is at (" + figure(camera.cx, 4) + ", " +
+                            figure(camera.cy, 4) + ") px; expected within a fifth of " +
+                            std::to_string(camera.width) + " x " + std::to_string(camera.height) +
+                            " px of their centre",
+                        "give camera.size_px, focal_px and centre_px of one calibration"});
+  }
+  constexpr int kSteps = 10, kPoints = (kSteps + 1) * (kSteps + 1);  // of the picture
+  int lost = 0;
+  for (int k = 0; k < kPoints; ++k) {
+    const Eigen::Vector2d pixel(camera.width * (k % (kSteps + 1)) / double(kSteps),
+                                camera.height * (k / (kSteps + 1)) / double(kSteps));
+    const auto direction = camera.directionOf(pixel);
+    const double plain =
+        std::hypot((pixel.x() - camera.cx) / camera.fx, (pixel.y() - camera.cy) / camera.fy);
+    lost += !direction || direction->norm() > 2 * plain || direction->norm() < 0.5 * plain ? 1 : 0;
+  }
+  if (camera.distorts() && lost > 0) {
+    findings.push_back(
+        {lost > kMostBlind * kPoints ? Severity::kFault : Severity::kWarning, "camera_distortion",
+         "camera",
+         "in " + percentOf(lost, kPoints) +
+             " of the picture its distortion cannot be inverted, so that tags are not used there, "
+             "or halves or doubles the distance from the centre",
+         "give camera.distortion as k1 k2 p1 p2 k3 k4 k5 k6, all those of one calibration"});
+  }
   // Half a size, or half of the last pixel's place: nobody measures that.
   const auto nominal = [](double centre, int size) {
     return std::abs(centre - 0.5 * size) < 1e-9 || std::abs(centre - 0.5 * (size - 1)) < 1e-9;
@@ -518,6 +603,7 @@ RigCheck checkRig(const io::Scene& scene, int samples) {
   checkCamera(scene, check.findings);
   check.vision = checkVision(scene, samples, check.findings);
   checkCurves(scene, check.findings);
+  checkStiffness(scene, check.findings);
   checkRegulator(scene, check.findings);
   sortBySeverity(check.findings);
   return check;

@@ -8,6 +8,7 @@
 #include "helix_arm/basics/median.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/basics/text.hpp"
+#include "helix_arm/control/target_check.hpp"
 #include "helix_arm/model/arm_response.hpp"
 
 namespace helix_arm::procedures {
@@ -84,8 +85,9 @@ std::string staleness(std::optional<double> last, double now, double max_age, co
         -age, max_age);
   }
   if (age <= max_age) return "";
-  return basics::format("%s: none received for %.2f s (at most %g s); %s", what, age, max_age,
-                        remedy);
+  // Stamps tell when something was measured, not when it came.
+  return basics::format("%s: the last are stamped %.2f s before now (at most %g s); %s If so, %s",
+                        what, age, max_age, remedy, control::whyLate(age));
 }
 
 }  // namespace

@@ -137,12 +137,14 @@ py::array argumentArray(const py::handle& given, const char* name) {
   if (py::isinstance<py::array>(given)) {
     auto array = py::reinterpret_borrow<py::array>(given);
     const py::dtype wanted = py::dtype::of<double>();
-    if (!array.dtype().is(wanted) && !array.dtype().equal(wanted)) {
+    const bool same = array.dtype().is(wanted) || array.dtype().equal(wanted);
+    if (!same && std::string("fiu").find(array.dtype().kind()) == std::string::npos) {
       throw py::type_error(std::string(name) + " has dtype " + std::string(py::str(array.dtype())) +
-                           "; expected float64, as of " + name + ".astype(float)");
+                           "; expected float64, another float or integers");
     }
     const bool aligned = (array.flags() & py::detail::npy_api::NPY_ARRAY_ALIGNED_) != 0;
-    if (!aligned) return py::array_t<double, py::array::c_style | py::array::forcecast>(array);
+    if (!aligned || !same)
+      return py::array_t<double, py::array::c_style | py::array::forcecast>(array);
     return array;
   }
   if (py::isinstance<py::list>(given) || py::isinstance<py::tuple>(given)) {

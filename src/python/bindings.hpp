@@ -46,8 +46,8 @@ class TooManyRows : public std::bad_alloc {
 /// may write it meanwhile, what was checked is copied, checked again and computed with.
 class Rows {
  public:
-  /// One row (columns), or many (N, columns). Arrays are float64 and are not copied, except those
-  /// that are not aligned; lists and tuples are converted.
+  /// One row (columns), or many (N, columns). Aligned arrays of float64 are not copied; other
+  /// floats, integers, lists and tuples are converted.
   /// @param name  of the argument, for messages.
   /// @throws TypeError on another type or dtype, ValueError on another shape.
   Rows(const py::handle& given, const char* name, py::ssize_t columns);

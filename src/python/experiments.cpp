@@ -1,22 +1,26 @@
 #include <algorithm>
 #include <limits>
 
+#include <opencv2/core.hpp>
 #include <pybind11/eigen.h>
+#include <pybind11/numpy.h>
 #include <pybind11/stl.h>
 
 #include "bindings.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/procedures/follow_run.hpp"
 #include "helix_arm/response/mode_fit.hpp"
+#include "helix_arm/simulation/rig.hpp"
 
 namespace helix_arm::python {
 namespace {
 
 // @param targets  (rows x n) [Pa]; `looks` tells after which of them there is a picture.
-// @return (rows x n + 3) readings [Pa] and tips [m], NaN where the tip is not seen.
+// @return (rows x n + 6) readings [Pa], tips in the pictures, measured, NaN where the tip is not
+// seen, and true [m].
 Eigen::MatrixXd advance(procedures::SeenRig& self, const Scene& scene,
                         const Eigen::MatrixXd& targets, double dt, const std::vector<bool>& looks) {
-  Eigen::MatrixXd out = Eigen::MatrixXd::Constant(targets.rows(), targets.cols() + 3,
+  Eigen::MatrixXd out = Eigen::MatrixXd::Constant(targets.rows(), targets.cols() + 6,
                                                   std::numeric_limits<double>::quiet_NaN());
   const OthersRun others_run;
   for (Eigen::Index row = 0; row < targets.rows(); ++row) {
@@ -25,13 +29,23 @@ Eigen::MatrixXd advance(procedures::SeenRig& self, const Scene& scene,
     const Eigen::VectorXd reading = self.rig.measure();
     out.row(row).head(targets.cols()) = reading;
     if (!looks.at(static_cast<std::size_t>(row))) continue;
+    out.row(row).tail<3>() = model::tipPose(self.rig.shape()).translation;
     const Eigen::VectorXd pressure = scene.arm().clamped(reading);
     const auto seen = self.vision.look(
         self.rig.shape(),
         statics::startingShape(scene.model(), scene.model().solve(pressure), pressure));
-    if (seen) out.row(row).tail<3>() = seen->tip.translation;
+    if (seen) out.row(row).segment<3>(targets.cols()) = seen->tip.translation;
   }
   return out;
+}
+
+// What the scene's camera sees of the model at held pressures [Pa]: (height x width) gray.
+py::array_t<std::uint8_t> pictureOf(const Scene& scene, const Eigen::VectorXd& pressure) {
+  const auto setup = scene.scene().cameraSetup();
+  simulation::SimulatedCamera camera(setup->view, setup->family, setup->body, setup->config);
+  const cv::Mat& gray =
+      camera.render(statics::startingShape(scene.model(), scene.model().solve(pressure), pressure));
+  return py::array_t<std::uint8_t>({gray.rows, gray.cols}, gray.data);
 }
 
 // @param time      (rows) [s]; one that goes back begins a trial.
@@ -60,10 +74,13 @@ void bindExperiments(py::module_& module, py::class_<Scene>& scene) {
       .def("hang", [](procedures::SeenRig& self,
                       const Eigen::Vector3d& force) { self.rig.setTipForce(force); })
       .def("advance", &advance);
+  module.def("picture", &pictureOf);
   module.def("_ringing", &ringingOf);
-  // (3) direction of the weight, base frame.
-  scene.def_property_readonly("_down", [](const Scene& self) {
-    return Eigen::Vector3d(self.scene().X_WB.inverse().rotation * -Eigen::Vector3d::UnitZ());
+  // Whether it tells K_eps, which loads need.
+  scene.def_property_readonly("_bends",
+                              [](const Scene& self) { return self.model().load().has_value(); });
+  scene.def_property_readonly("_rotation_WB", [](const Scene& self) {
+    return Eigen::Matrix3d(self.scene().X_WB.rotation);
   });
   scene.def_property_readonly("_slew_pa_s", [](const Scene& self) {
     std::vector<double> out;

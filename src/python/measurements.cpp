@@ -18,6 +18,7 @@
 #include "helix_arm/procedures/captures.hpp"
 #include "helix_arm/procedures/contact_proof.hpp"
 #include "helix_arm/procedures/follow_run.hpp"
+#include "helix_arm/procedures/response_series.hpp"
 #include "helix_arm/vision/arm_localizer.hpp"
 
 namespace helix_arm::python {
@@ -41,6 +42,7 @@ io::DataSet dataSetOf(const Data& given) {
   out.path = name;
   out.columns = columns;
   out.trials = trials;
+  io::refuseMisspelled(out);
   out.values.resize(rows.rows(), rows.columns());
   for (int row = 0; row < out.values.rows(); ++row) {
     out.values.row(row) = rows.row(row);
@@ -52,6 +54,14 @@ io::DataSet dataSetOf(const Data& given) {
                static_cast<std::size_t>(out.values.size()) * sizeof(double));
   out.sha256 = io::sha256Of(bytes);
   return out;
+}
+
+// Warns of pressures that count as 0 since there is no column.
+void warnOfMissing(const io::DataSet& data, const io::Scene& scene) {
+  const std::string warning = io::missingText(data, scene.arm.actuatorCount());
+  if (!warning.empty() && PyErr_WarnEx(PyExc_UserWarning, warning.c_str(), 1) != 0) {
+    throw py::error_already_set();
+  }
 }
 
 // A fitted shape, and the ids of the tags that do not fit, ascending. NaN without a fit.
@@ -104,7 +114,9 @@ py::list fit(const Scene& self, const Data& data) {
   const io::Scene& scene = self.scene();
   basics::require(scene.tags.has_value(), "fit() needs tags, but scene ", scene.name,
                   " has none; expected a scene with a section tags");
-  const std::vector<estimation::Capture> measured = capturesOf(scene, dataSetOf(data));
+  const io::DataSet set = dataSetOf(data);
+  warnOfMissing(set, scene);
+  const std::vector<estimation::Capture> measured = capturesOf(scene, set);
   basics::require(
       measured.empty() ||
           !std::holds_alternative<estimation::CurvatureReading>(measured.front().reading),
@@ -130,6 +142,54 @@ py::list fit(const Scene& self, const Data& data) {
     out.append(one);
   }
   return out;
+}
+
+// Errors of the model, one per row with a curvature or a position, or per capture of tags: of a
+// curvature [rad], else of the tip [m]. @return the kind of data, its unit and the errors.
+py::tuple evaluate(const Scene& self, const Data& data) {
+  const io::Scene& scene = self.scene();
+  const io::DataSet set = dataSetOf(data);
+  warnOfMissing(set, scene);
+  const int actuators = scene.arm.actuatorCount();
+  switch (procedures::kindOf(set)) {
+    case procedures::DataKind::kLengths:
+      break;
+    case procedures::DataKind::kTipSeries: {
+      Eigen::VectorXd errors;
+      {
+        const OthersRun others_run;
+        const auto tips = procedures::ofArm(procedures::tipSeriesOf(set, actuators));
+        errors =
+            estimation::compareSeries({scene.model, scene.X_BF}, tips).deviation.rowwise().norm();
+      }
+      return py::make_tuple("series", "m", arrayOf(errors));
+    }
+    case procedures::DataKind::kCurvatures: {
+      basics::require(scene.arm.sectionCount() == 1,
+                      "curvature_rad applies to arms of one section");
+      const Eigen::MatrixXd pressures = procedures::pressuresWithinLimits(set, scene.arm);
+      Eigen::VectorXd errors = -set.values.col(set.find("curvature_rad"));
+      for (Eigen::Index row = 0; row < errors.size(); ++row) {
+        const statics::Solution found = scene.model.solve(pressures.row(row));
+        errors[row] += found.converged() ? model::curvatureOf(found.shape.twists().col(0)) : kNaN;
+      }
+      return py::make_tuple("curvatures", "rad", arrayOf(errors));
+    }
+    case procedures::DataKind::kTagPoses:
+    case procedures::DataKind::kTagCorners: {
+      std::vector<double> errors;
+      {
+        const OthersRun others_run;
+        errors = procedures::tipErrors(scene, procedures::loadCaptures(scene, set).captures);
+      }
+      return py::make_tuple(
+          "tags", "m",
+          arrayOf(Eigen::VectorXd::Map(errors.data(), static_cast<Eigen::Index>(errors.size()))));
+    }
+  }
+  throw py::value_error(
+      "data holds free lengths, which no shape has; expected curvatures, tag "
+      "poses, tag corners or a series of the tip");
 }
 
 // @param pictures  (N, height, width) of the scene's camera.
@@ -335,13 +395,14 @@ py::object budgetOf(const std::optional<estimation::TipErrorBudget>& budget) {
 // @param path   (N, 4) times [s] and positions [m].
 // @param force  its time [s], then the force [N].
 // @return the numbers of all rows, as of numbersOf(); states and reach of these; other fields.
-py::tuple follow(const Scene& self, const py::object& tips, const py::object& path, double seconds,
-                 bool open, bool rendered, const std::optional<std::array<double, 4>>& force,
+py::tuple follow(const Scene& self, const py::object& tips, const py::object& path,
+                 std::optional<double> seconds, bool open, bool rendered,
+                 const std::optional<std::array<double, 4>>& force,
                  const std::optional<std::array<double, 2>>& blind, double latency,
                  std::uint32_t seed, const Scene& rig, const std::string& plant) {
   procedures::FollowPlan plan;
   plan.plant = plant;
-  plan.seconds = seconds;
+  plan.seconds = seconds.value_or(plan.seconds);
   plan.open = open;
   if (rendered) plan.vision = simulation::VisionKind::kRendered;
   plan.latency = latency;
@@ -359,6 +420,7 @@ py::tuple follow(const Scene& self, const py::object& tips, const py::object& pa
     plan.path.emplace(points);
     const auto refusal = procedures::checkPath(self.scene(), *plan.path);
     basics::require(!refusal, "path: ", refusal ? refusal->reason : "");
+    if (!seconds) procedures::endWithPath(plan);
   }
   if (force) {
     const auto& [time, x, y, z] = *force;
@@ -419,6 +481,7 @@ py::dict contactProof(const Scene& self, double highest, double seconds, double 
 
 void bindMeasurements(py::class_<Scene>& scene) {
   scene.def("_fit", fit, "captures"_a)
+      .def("_evaluate", evaluate, "data"_a)
       .def("_localize", localize, "pictures"_a, "pressures_pa"_a)
       .def("_calibrate", calibrate, "data"_a, "fit"_a, "contraction"_a, "noises"_a, "errors"_a,
            "curve"_a = "", "branch"_a = "both", "force"_a = false, "apply_suspect"_a = 0)

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <cmath>
 #include <exception>
+#include <utility>
 
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
@@ -154,6 +155,7 @@ class AsciiSerialDriver : public Driver {
     std::string address;
     State state = State::kUnknown;
     std::optional<double> sent;    // set point [device units]; absent unless it regulates
+    std::optional<double> held;    // as last answered [device units]
     std::vector<double> readings;  // not yet returned by read() [Pa]
     double heard = 0;              // time of the last reading
   };
@@ -162,6 +164,7 @@ class AsciiSerialDriver : public Driver {
     for (Channel& channel : channels_) {
       channel.state = State::kUnknown;
       channel.sent.reset();
+      channel.held.reset();
       channel.readings.clear();
     }
     supply_.reset();
@@ -172,11 +175,31 @@ class AsciiSerialDriver : public Driver {
     }
     if (lines_.read) awaitQuiet();
     last_line_ = steadyNow();
+    if (lines_.unit_query) askUnits();
     vent();
     if (lines_.read) {
       ask();
     } else {
       awaitReading();
+    }
+  }
+
+  // The echo of a set point has the device's unit, whichever that is. A device with another one is
+  // vented, since 0 is no more than the atmosphere in every unit, and gets no other set point.
+  void askUnits() {
+    try {
+      for (Channel& channel : channels_) exchange(*lines_.unit_query, lines_.unit_reply, channel);
+    } catch (const BadReply& error) {
+      const std::string why = error.what();
+      try {
+        vent();
+      } catch (const std::exception&) {
+        // It answers in its unit; the fault that is told is the first one.
+      }
+      throw LinkError(why + ". Set the unit " + profile_.unit_word +
+                      " on the device. If it has no such query, use a copy of its profile " +
+                      profile_.name +
+                      " without unit_query and unit_reply; nothing then checks its unit");
     }
   }
 
@@ -271,19 +294,27 @@ class AsciiSerialDriver : public Driver {
                    " kPa (gauge), which is impossible; check its sensor and its unit");
   }
 
+  void checkSetPoint(double held, Channel& channel) const {
+    const double before = std::exchange(channel.held, held).value_or(held);
+    if (!channel.sent) return;
+    const double left = std::abs(held - *channel.sent);
+    // Devices round to their own digits. Larger differences mean a ramp, another unit, or another
+    // client.
+    const double tolerance =
+        std::max(2 * std::pow(10.0, -profile_.decimals), 0.02 * std::abs(*channel.sent));
+    if (left <= tolerance) return;
+    const bool ramps = left < std::abs(before - *channel.sent);
+    throw BadReply(device_ + " " + channel.address + " holds the set point " +
+                   std::to_string(held) + ", but was sent " + std::to_string(*channel.sent) +
+                   (ramps ? "; its set point moves there from " + std::to_string(before) +
+                                ": it ramps set points; switch its ramp off, and check its range"
+                          : "; check its unit, its range, that it does not ramp set points and "
+                            "that it accepts them from the serial line"));
+  }
+
   void note(const LineFields& fields, Channel& channel) {
     if (fields.supply) supply_ = reading(*fields.supply);
-    if (fields.set_point && channel.sent) {
-      // Devices round to their own digits. Larger differences mean another unit, or another client.
-      const double tolerance =
-          std::max(2 * std::pow(10.0, -profile_.decimals), 0.02 * std::abs(*channel.sent));
-      if (!(std::abs(*fields.set_point - *channel.sent) <= tolerance)) {
-        throw BadReply(
-            device_ + " " + channel.address + " holds the set point " +
-            std::to_string(*fields.set_point) + ", but was sent " + std::to_string(*channel.sent) +
-            "; check its unit, its range and that it accepts set points from the serial line");
-      }
-    }
+    if (fields.set_point) checkSetPoint(*fields.set_point, channel);
     if (fields.pressures.empty()) return;
     std::vector<double> readings;
     for (const double number : fields.pressures) readings.push_back(reading(number));

@@ -120,6 +120,10 @@ void validateLines(const SerialProfile& profile) {
                   ": write has {address}, but one_by_one is false");
   basics::require(profile.one_by_one || lines.close.empty(), kCulprit,
                   ": close is given, but one_by_one is false: one channel alone cannot be closed");
+  if (lines.unit_query) requireAlike("unit_query", *lines.unit_query);
+  if (lines.unit_reply) requireField("unit_reply", *lines.unit_reply, "{unit}");
+  basics::require(profile.unit_query.empty() == profile.unit_reply.empty(), kCulprit,
+                  ": unit_query or unit_reply is missing; expected both or neither");
   if (lines.supply_line) requireField("supply_line", *lines.supply_line, "{supply}");
   const bool unasked = !lines.read;
   basics::require(
@@ -129,6 +133,8 @@ void validateLines(const SerialProfile& profile) {
   basics::require(!unasked || (!lines.write_reply && !lines.vent_reply), kCulprit,
                   ": read is missing, so write_reply and vent_reply must be missing: unsolicited "
                   "lines answer nothing");
+  basics::require(!unasked || !lines.unit_query, kCulprit,
+                  ": unit_query is given, but read is missing: the device answers nothing");
   basics::require(unasked || (!lines.supply_line && lines.skip.empty()), kCulprit,
                   ": supply_line and skip apply to unsolicited lines, but read is given");
 }
@@ -450,6 +456,8 @@ SerialLines::SerialLines(const SerialProfile& profile) {
   reply = optionalFormat("reply", profile.reply, received);
   supply_line = optionalFormat("supply_line", profile.supply_line, received);
   vent_reply = optionalFormat("vent_reply", profile.vent_reply, received);
+  unit_query = optionalFormat("unit_query", profile.unit_query, sent);
+  unit_reply = optionalFormat("unit_reply", profile.unit_reply, received);
 }
 
 }  // namespace helix_arm::regulator

@@ -11,7 +11,8 @@ namespace helix_arm::regulator {
 namespace {
 
 constexpr char kCulprit[] = "simulated regulator";
-constexpr double kLowSupply = 0.1;  // of the supply
+constexpr double kLowSupply = 0.1;      // of the supply
+constexpr double kVacuum = -101.325e3;  // gauge [Pa]
 
 void require(bool holds, const char* what, double value, const char* rule) {
   basics::requireValue(holds, kCulprit, what, value, rule);
@@ -99,12 +100,12 @@ void SimulatedRegulator::command(const Eigen::Ref<const Eigen::VectorXd>& set_po
     require(std::isfinite(set_point[i]), "a set point [Pa]", set_point[i], "a finite value");
   }
   if (config_.dead_time == 0) {
-    set_point_ = set_point.cwiseMax(0.0);
+    set_point_ = set_point.cwiseMax(kVacuum);
   } else {
     // Repeated in one instant, the last one counts.
     const double time = time_ + config_.dead_time;
     if (coming_.empty() || coming_.back().time < time) coming_.push_back({time, {}});
-    coming_.back().set_point = set_point.cwiseMax(0.0);
+    coming_.back().set_point = set_point.cwiseMax(kVacuum);
   }
 }
 

@@ -81,6 +81,7 @@ inline constexpr char kChannelStatus[] = "channel ";             ///< followed b
 inline constexpr char kTargetTimeoutKey[] = "target_timeout_s";  ///< of the safety core
 inline constexpr char kLowerLimitKey[] = "lower_limit_kpa";      ///< of a channel
 inline constexpr char kUpperLimitKey[] = "upper_limit_kpa";
+inline constexpr char kSceneKey[] = "scene_sha256";  ///< of the first status
 inline constexpr char kLastFaultKey[] = "last_fault";
 inline constexpr char kAcceptedKey[] = "accepted";
 inline constexpr char kWithoutTagsKey[] = "without_tags";

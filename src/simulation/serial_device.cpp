@@ -107,11 +107,15 @@ class SerialEmulation : public Emulation {
     silence_ = 0;
   }
 
+  // Of the device's numbers, in both directions [Pa].
+  double unit() const {
+    if (fault_ != DeviceFault::kWrongUnit) return profile_.pascals;
+    return profile_.pascals == kPsi ? 1e3 : kPsi;
+  }
+
   std::string readingsOf(const LineFormat& format, int channel) {
-    const bool wrong_unit = fault_ == DeviceFault::kWrongUnit;
-    const double other = profile_.pascals == kPsi ? 1e3 : kPsi;
-    const auto number = [&](double pressure) {
-      return wrong_unit ? (pressure + profile_.atmosphere) / other : profile_.fromPascals(pressure);
+    const auto number = [this](double pressure) {
+      return (pressure + profile_.atmosphere) / unit();
     };
     const Eigen::VectorXd pressures = readings();
     regulator::LineFields fields;
@@ -121,10 +125,10 @@ class SerialEmulation : public Emulation {
     fields.set_point = number(set_point_[channel]);
     fields.supply = number(regulator_.supply());
     std::string line = format.line(addressOf(channel), fields);
-    if (wrong_unit && format.has("{unit}")) {
+    if (fault_ == DeviceFault::kWrongUnit && format.has("{unit}")) {
       // The last occurrence is the unit: numbers contain no letters, and addresses come first.
       const std::size_t at = line.rfind(profile_.unit_word);
-      line.replace(at, profile_.unit_word.size(), profile_.unit_word == "psi" ? "kPa" : "psi");
+      line.replace(at, profile_.unit_word.size(), unit() == kPsi ? "psi" : "kPa");
     }
     return line;
   }
@@ -172,7 +176,9 @@ class SerialEmulation : public Emulation {
     const int first = firstOf(channel), end = endOf(channel);
     const std::optional<LineFormat>* reply = &lines_.vent_reply;
     bool sets = false;
-    if (lines_.read && is(*lines_.read)) {
+    if (lines_.unit_query && is(*lines_.unit_query)) {
+      reply = &lines_.unit_reply;
+    } else if (lines_.read && is(*lines_.read)) {
       reply = &lines_.reply;
     } else if (isLast(lines_.vent) && (vents_by_mode_ || !held_[channel])) {
       turn(channel, Valve::kVent, vents_by_mode_);
@@ -186,7 +192,8 @@ class SerialEmulation : public Emulation {
       turn(channel, Valve::kClose, true);
     } else if (const auto fields = lines_.write->match(line, address, count)) {
       for (int i = first; i < end; ++i) {
-        set_point_[i] = std::clamp(profile_.toPascals(fields->pressures[i - first]), 0.0, 1e7);
+        const double number = fields->pressures[i - first];
+        set_point_[i] = std::clamp(number * unit() - profile_.atmosphere, 0.0, 1e7);
         if (!held_[i]) valves_[i] = Valve::kRegulate;
       }
       reply = &lines_.write_reply;

@@ -108,6 +108,11 @@ int TagFamily::quietCells() const { return (family_->total_width - family_->widt
 
 int TagFamily::borderCells() const { return family_->width_at_border; }
 
+std::string TagFamily::sizeEdge() const {
+  return isReversed() ? "inner edge of the black ring, where it meets the white square inside it"
+                      : "outer edge of the black border, where it meets the white around it";
+}
+
 bool TagFamily::isReversed() const { return family_->reversed_border; }
 
 void DetectorConfig::validate() const {

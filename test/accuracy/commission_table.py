@@ -76,6 +76,7 @@ VIEWS = (
     (each(tags(lambda muscle, row, *_: (muscle, {2: 4, 4: 2}.get(row, row)))), [], "tag_rows_exchanged"),
     (each(from_the_tip), [], "tag_rows_reversed"),
     (each(turned(2)), [], "tags_turned"), (each(turned(1, 1)), [], "tags_turned"),
+    (each(turned(2, muscle=0)), [], "tags_turned"),
     (SOUND, ["tags.size_m=0.0395"], "tag_size"), (SOUND, ["tags.size_m=0.025"], "tag_size"),
     (each(corners(lambda at, *_: [(WIDTH - 1 - x, HEIGHT - 1 - y) for x, y in at])), [], "picture_turned"),
     (SOUND, ["arm.base.position_m=[0.05, 0, 0.6]"], "camera_moved"), (SOUND, ["arm.base.position_m=[0, 0, 0.63]"], "camera_moved"),

@@ -44,8 +44,13 @@ class ComputerThatLacksSomething(unittest.TestCase):
         self.checks = {check["name"]: check for check in found.checks}
         return {name: check["state"] for name, check in self.checks.items()}
 
-    def network(self, node_host, ahead, own):
+    def network(self, node_host, ahead, own, ends_after=None):
+        """@param ends_after  a call with which the master's answers end."""
         with Master(node_host, ahead) as master:
+            if ends_after:
+                calls = ("getSystemState", "lookupNode", "getPid")
+                for call in calls[calls.index(ends_after) + 1:]:
+                    del master.funcs[call]
             thread = threading.Thread(target=master.serve_forever)
             thread.start()
             try:
@@ -88,6 +93,19 @@ class ComputerThatLacksSomething(unittest.TestCase):
         self.assertEqual(self.network("no-such-host.invalid", 0.4, "no-such-host.invalid"),
                          {"own_name": "fault", "ros_master": "ok", "node /vision": "fault", "clock": "fault"})
         self.assertAlmostEqual(float(self.checks["clock"]["found"].split(" ")[0]), 0.4, delta=0.2)
+
+    def test_a_master_that_goes_away_between_two_calls_fails_these_checks_alone(self):
+        for call, states in (("getSystemState", {"node /vision": "fault", "clock": "fault"}),
+                             ("lookupNode", {"node /vision": "ok", "clock": "fault"})):
+            self.assertEqual(self.network("localhost", 0, "localhost", call), {"own_name": "ok", "ros_master": "ok", **states})
+            self.assertIn("run helix_arm doctor again", self.checks["clock"]["remedy"])
+
+    def test_a_check_that_cannot_be_made_leaves_the_others(self):
+        broken = doctor.Doctor(COMMAND, environment={"ROS_MASTER_URI": "http://127.0.0.1:1"})
+        with mock.patch.object(broken, "devices", mock.Mock(side_effect=OSError("no /dev"))):
+            checks = {check["name"]: check for check in broken.all()}
+        self.assertEqual((checks["devices"]["state"], checks["devices"]["found"]), ("fault", "OSError: no /dev"))
+        self.assertIn("ros_master", checks)
 
     def test_the_command_says_it_and_ends_with_1_on_a_fault(self):
         for uri, state in (("http://127.0.0.1:1", "not_checked"), ("robot", "fault")):

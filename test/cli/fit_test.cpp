@@ -129,7 +129,11 @@ TEST(Fit, PlacesInMillimetresGiveNoShape) {
     EXPECT_EQ(result["reason"].get<std::string>().find("no capture could be fitted"), 0u);
     EXPECT_TRUE(result["median_rms_m"].is_null());
   }
-  EXPECT_NE(fit(scene, data, "text").out.find("no capture could be fitted"), std::string::npos);
+  const std::string text = fit(scene, data, "text").out;
+  EXPECT_NE(text.find("no capture could be fitted"), std::string::npos);
+  const std::size_t told = text.find(" (2 rows)");
+  ASSERT_NE(told, std::string::npos) << text;
+  EXPECT_EQ(text.find("in metres", told), std::string::npos);
 }
 
 TEST(Fit, CsvHasARowACapture) {

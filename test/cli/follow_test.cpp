@@ -157,6 +157,10 @@ TEST(Follow, TheLastTurnOfAClosedPathHasItsOwnFigure) {
   const TemporaryFolder folder;
   const json one = follow({"--path", circle(folder, "4"), "--seconds", "6"}).json();
   EXPECT_EQ(one["last_turn_rms_m"], one["path_rms_m"]);
+  // Without a time, the run ends with the path.
+  const json whole = follow({"--path", circle(folder, "4")}).json();
+  EXPECT_EQ(whole["path_rms_m"], one["path_rms_m"]);
+  EXPECT_LT(whole["seconds"], 6);
   const std::string twice = folder / "twice.csv";
   ASSERT_EQ(runCommand({"path", "circle", "--centre", kCentre, "--radius", "0.02", "--period", "4",
                         "--turns", "2", "--out", twice})

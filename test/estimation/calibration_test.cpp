@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "estimation/calibration_data.hpp"
+#include "helix_arm/calibration/suspects.hpp"
 #include "helix_arm/statics/exact.hpp"
 #include "support/has.hpp"
 #include "support/sample_load.hpp"
@@ -165,6 +166,37 @@ TEST(Calibration, WrongTagsAreNamedAndDoNotMoveTheAnswer) {
     EXPECT_LT(std::abs(one.value - parameter(clean, name).value), 2 * one.standard_error) << name;
   }
   EXPECT_TRUE(warns(found, "do not fit the others: 9"));
+}
+
+// Of tags along six muscles, a camera sees three strips.
+TEST(Suspects, NameTheStripAlongAMuscleThatIsTurnedAndATagThatIsTurnedAlone) {
+  const model::Arm known = test::ringArm(test::helicalRing());
+  const ArmView view = test::sampleView(0.8, 1, 24, 6);
+  Random random(7);
+  const ArmCaptures sound =
+      corners(known, view, test::drawRig(known, view, {}, random), 0.2, random);
+  // A placement that is fitted takes up other quarters than two.
+  for (const auto& [quarters, placement] :
+       {std::pair(1, false), std::pair(2, false), std::pair(3, false), std::pair(2, true)}) {
+    for (const std::vector<int>& turned : {std::vector<int>{4, 10, 16, 22}, std::vector<int>{10}}) {
+      ArmCaptures data = sound;
+      for (Capture& capture : data.captures) {
+        for (auto& seen : std::get<std::vector<CornerObservation>>(capture.reading)) {
+          if (std::find(turned.begin(), turned.end(), seen.tag) == turned.end()) continue;
+          const Corners as_glued = seen.direction;
+          for (int i = 0; i < 4; ++i) seen.direction.col(i) = as_glued.col((i + quarters) % 4);
+        }
+      }
+      CalibrationOptions options;
+      options.base = options.tags = placement;
+      const auto suspects = suspectsOf({data}, options);
+      ASSERT_FALSE(suspects.empty()) << placement << " " << turned.size() << " " << quarters;
+      EXPECT_EQ(suspects.front().cause, "tags_turned");
+      EXPECT_EQ(suspects.front().where, turned.size() == 1 ? "tag 10" : "tags 4, 10, 16, 22");
+      EXPECT_GT(suspects.front().explains, 0.9);
+    }
+  }
+  EXPECT_TRUE(suspectsOf({sound}, {}).empty());
 }
 
 TEST(Calibration, HeldOutCapturesArePredictedByAFitWithoutThem) {
@@ -365,6 +397,19 @@ TEST(Calibration, RefusesWithAReason) {
        [](auto& data, auto&) {
          for (Capture& one : data.captures) one.pressure = Eigen::Vector3d(1e5, 0, 500);
        }},
+      {Status::kOnePressure, "; the highest is 1.35 kPa, and 135 kPa if the pressures are in bar",
+       [](auto& data, auto&) {
+         for (Capture& one : data.captures) one.pressure = Eigen::Vector3d(400, 0, 1350);
+       }},
+      {Status::kBadData, "positions in metres, and these seem to be millimetres",
+       [](auto& data, auto&) {
+         for (Capture& one : data.captures) {
+           for (auto& seen : std::get<std::vector<PoseObservation>>(one.reading)) {
+             seen.X_BT.translation *= 1e3;
+           }
+         }
+       },
+       true},
       {Status::kBadData, "capture 3",
        [](auto& data, auto&) {
          std::get<TwistReading>(data.captures[2].reading).twists(4, 0) = kNaN;

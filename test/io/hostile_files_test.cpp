@@ -114,7 +114,6 @@ const char* const kForeign[] = {
     "@\n@\n",
     "@,@\n1,2\n3,4\n",
     "@,@\n1\n1,2,3\n",
-    "pressure_@_kpa,pressure_1_@,curvature_rad\n1,2,3\n",
     "capture,tag,@\n@,@,@\n",
     "x_m,curvature_rad,@\n@,@,@\n",
     "user,password\n@,@\n",

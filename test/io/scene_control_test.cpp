@@ -310,9 +310,9 @@ void expectFaultsOf(const std::string& kind, const std::string& text) {
 // Except for times, which are longer in tests of drivers, and for the size of a device.
 auto membersOf(const SerialProfile& p) {
   return std::tie(p.baud, p.terminator, p.pascals, p.atmosphere, p.unit_word, p.decimals,
-                  p.separator, p.reply_separator, p.one_by_one, p.start, p.write, p.write_reply,
-                  p.read, p.reply, p.supply_line, p.skip, p.vent, p.close, p.resume, p.vent_reply,
-                  p.checksum);
+                  p.separator, p.reply_separator, p.one_by_one, p.start, p.unit_query, p.unit_reply,
+                  p.write, p.write_reply, p.read, p.reply, p.supply_line, p.skip, p.vent, p.close,
+                  p.resume, p.vent_reply, p.checksum);
 }
 auto membersOf(const ModbusProfile& p) {
   return std::tie(p.unit_id, p.pascals, p.atmosphere, p.highest_count, p.outlets, p.output_base,
@@ -336,6 +336,8 @@ const char* const kSerial = R"(ascii_serial:
   reply_separator: " "
   one_by_one: false
   start: [hello, "echo off"]
+  unit_query: unit?
+  unit_reply: "{unit}"
   write: "set {pressures}"
   write_reply: ok
   read: get
@@ -369,9 +371,9 @@ TEST(SerialProfileReader, EveryKeyIsRead) {
   EXPECT_EQ(profile.name, "mine");
   EXPECT_EQ(membersOf(profile),
             std::make_tuple(9600, "\r\n", 50.0, 101325.0, "mbar", 3, ",", " ", false,
-                            Faults{"hello", "echo off"}, "set {pressures}", "ok", "get",
-                            "{pressures} {unit}", "", Faults(), Faults{"stop", "vent"}, Faults(),
-                            Faults{"go"}, "done", true));
+                            Faults{"hello", "echo off"}, "unit?", "{unit}", "set {pressures}", "ok",
+                            "get", "{pressures} {unit}", "", Faults(), Faults{"stop", "vent"},
+                            Faults(), Faults{"go"}, "done", true));
   EXPECT_EQ(profile.timeout, 0.25);
   EXPECT_EQ(profile.watchdog, 1.5);
   EXPECT_EQ(profile.highestPressure(), 250e3);

@@ -116,7 +116,9 @@ TEST(SceneFaults, SyntaxErrorsHaveALine) {
   const auto faults = faultsOf("name: rig\narm: {geometry: planar\nsafety: [\n");
   ASSERT_EQ(faults.size(), 1u);
   EXPECT_TRUE(has(faults[0], " is not YAML: "));
-  EXPECT_EQ(faultsOf("name: rig\n\tarm: 1\n")[0].find(":2 is not YAML: "), 0u);
+  const std::string tab = faultsOf("name: rig\n\tarm: 1\n")[0];
+  EXPECT_EQ(tab.find(":2 is not YAML: "), 0u);
+  EXPECT_TRUE(has(tab, "; line 2 begins with a tab, which cannot indent YAML: use blanks"));
 }
 
 TEST(SceneFaults, NothingAfterTheDocumentIsDroppedInSilence) {

@@ -248,7 +248,7 @@ TEST(TipPathFile, AllFaultsAreReportedWithTheirLines) {
 }
 
 TEST(TipPathFile, MissingColumnsAreNamed) {
-  EXPECT_EQ(faultsOf("time,x_m,z_m\n0,0,0\n1,0,0\n"),
+  EXPECT_EQ(faultsOf("clock,x_m,z_m\n0,0,0\n1,0,0\n"),
             " has no column time_s, y_m; expected time_s, x_m, y_m, z_m");
 }
 

@@ -211,7 +211,7 @@ TEST(SettleWatch, DataOlderThanItsLimitIsStale) {
   const Settling state = arm.watch.at(arm.now + 0.6);
   EXPECT_TRUE(state.stale());
   EXPECT_TRUE(state.unseen());
-  EXPECT_TRUE(test::has(state.reason, "tag detections: none received for 0.60 s"));
+  EXPECT_TRUE(test::has(state.reason, "tag detections: the last are stamped 0.60 s before now"));
   for (int k = 1; k <= 60; ++k) {  // and the other way round
     arm.watch.command(arm.now + 0.6 + 0.01 * k, kSetPoint);
     arm.watch.seen(arm.now + 0.6 + 0.01 * k, tagsAt(5));

@@ -120,7 +120,7 @@ TEST(Captures, WhatDoesNotFitItsSceneIsAFault) {
       {planar, "pressure_1_kpa,curvature_rad\n0,0.1\n100,-0.2\n",
        ":3 curvature_rad is negative; expected a finite value >= 0"},
       {planar, "pressure_1_kpa,pressure_3_kpa,curvature_rad\n0,0,0.1\n",
-       " pressure_3_kpa belongs to no actuator; expected pressures in pressure_1_kpa to "
+       " column 'pressure_3_kpa' belongs to no actuator; expected pressures in pressure_1_kpa to "
        "pressure_2_kpa"},
       {spatial,
        kPoseHeader + "1,0,0,0,0,50,0,20,0,0,0,0,0,0,1\n" + "1,0,0,0,0,50,0,18,0,0,0,0,0,0,1\n",

@@ -34,7 +34,7 @@ class Arm:
         if self.pressure is None or (self.pressure != pressure).any():
             self.since, self.pressure = now, pressure
         if self.unseen[0] <= self.tick <= self.unseen[1]:
-            return state_of("unseen", pressure, "tag detections: none received for 2.00 s")
+            return state_of("unseen", pressure, "tag detections: the last are stamped 2.00 s before now")
         if now - self.since < self.settling_time:
             return state_of("moving", pressure, "it sways")
         return state_of("settled", pressure, last=sample(math.floor(10 * now) / 10, pressure))  # 10 Hz
@@ -119,7 +119,7 @@ class CalibrationRunTest(unittest.TestCase):
             before = len(play.commands)
             play.go(arm)
             self.assert_ends(play, ABORTED, "step 1 " + words)
-            self.assertIn("tag detections: none received", play.run.reason)
+            self.assertIn("tag detections: the last are", play.run.reason)
             self.assertLess(len(play.commands) - before, 100)  # 10 ticks of patience, and the ramp down of at most 1 s
 
     def test_its_return_does_not_wait_for_pictures_but_for_the_command(self):
@@ -132,7 +132,7 @@ class CalibrationRunTest(unittest.TestCase):
         self.assertTrue(play.run.ended)
 
     def test_stale_pressures_abort_at_once_and_ramp_down(self):
-        play, reason = Play(), "measured pressures: none received for 2.00 s"
+        play, reason = Play(), "measured pressures: the last are stamped 2.00 s before now"
         play.go(Arm(), 60)
         self.assertEqual(play.run.phase, SETTLING)
         play.go(lambda *_: state_of("stale", None, reason))

@@ -61,6 +61,27 @@ class ClosedFormTest(unittest.TestCase):
         self.assertAlmostEqual(found["m frequency"].value, w / 2 / math.pi, delta=0.01)
         self.assertAlmostEqual(found["m damping ratio"].value, zeta, delta=0.01)
 
+    def test_a_dead_time_is_apart_from_the_ramp_of_the_command(self):
+        ramp, lag, dead = 1.2, 0.08, 0.05
+
+        def reached(time):
+            since = np.maximum(time[:, None] - [0, ramp], 0)
+            return (since - lag * (1 - np.exp(-since / lag))) @ [1, -1] / ramp
+
+        target, pressure = np.full(len(TIME), 1e5), 1e5 + 200 * np.random.default_rng(4).standard_normal(len(TIME))
+        for k in range(1, 20):
+            target -= (-1) ** k * 1e5 * np.clip((TIME - 10 * k) / ramp, 0, 1)
+            pressure -= (-1) ** k * 1e5 * reached(TIME - 10 * k - dead)
+        found = figures("step", {"m": Recording(TIME, target[:, None], pressure[:, None], recording(target, 1e-6 * pressure).tip_m)})
+        self.assertAlmostEqual(found["m up dead time, pressure"].value, dead, delta=0.002)
+        self.assertLess(found["m up dead time, pressure"].standard_error, 0.002)
+        self.assertGreater(found["m up 5 % time, pressure"].value, dead + 0.08, "with the ramp")
+
+    def test_an_error_beyond_its_value_is_no_figure(self):
+        self.assertEqual(step._time("a time", "t5", (0.1, 0.09), "").value, 0.1)
+        self.assertIn("error of 4.3 s is larger", step._time("a time", "t5", (0.1, 4.3), "").definition)
+        self.assertIsNone(step._time("a time", "t5", (-0.1, 0.05), "").value)
+
     def test_the_vent_after_the_last_step_is_no_part_of_it(self):
         time = np.arange(0, 8, 0.01)
         target = np.interp(time, [0, 0.1, 2, 2.1, 4, 4.1, 6, 6.1], [0, 10, 10, 60, 60, 10, 10, 0])

@@ -51,6 +51,23 @@ class SimulatedRigTest(unittest.TestCase):
         np.testing.assert_array_equal(from_file.twists, from_columns.twists)
         self.assertEqual(from_file.outlier_tags, from_columns.outlier_tags)
 
+    def test_evaluate_compares_the_model_with_what_was_measured(self):
+        path = self.rig / "tag_corners.csv"
+        fit, found = self.scene.fit(path), self.scene.evaluate(path)
+        apart = np.linalg.norm(self.scene.tips(fit.pressures_pa) - fit.tips, axis=1)
+        np.testing.assert_allclose(found.errors, apart, atol=1e-6)
+        self.assertEqual((found.kind, found.unit, found.worst), ("tags", "m", found.errors.max()))
+        tips = self.scene.tips(self.pressures) + [0, 3e-3, 4e-3]
+        series = {"time_s": 1e4 * np.arange(len(tips)), **{f"pressure_{i + 1}_kpa": self.pressures[:, i] / 1e3 for i in range(3)},
+                  **{f"{axis}_m": tips[:, k] for k, axis in enumerate("xyz")}}
+        self.assertAlmostEqual(self.scene.evaluate(series).rms, 5e-3, places=6)
+        planar = helix_arm.Scene.load("planar_76")
+        straight = {"pressure_1_kpa": np.zeros(2), "curvature_rad": np.array([0.1, 0.2])}
+        with self.assertWarns(UserWarning):
+            np.testing.assert_allclose(planar.evaluate(straight).errors, [-0.1, -0.2], atol=1e-9)
+        with self.assertRaisesRegex(ValueError, "free lengths"):
+            planar.evaluate({"pressure_kpa": np.zeros(2), "length_m": np.ones(2)})
+
     def test_localize_measures_pictures(self):
         from PIL import Image
         pictures = np.stack([np.asarray(Image.open(path).convert("L")) for path in sorted(self.rig.glob("*.jpg"))])
@@ -71,6 +88,7 @@ class SimulatedRigTest(unittest.TestCase):
         found = self.scene.calibrate(self.rig / "tag_corners.csv", fit=["stiffness", "length_scale"])
         self.assertTrue(found.success, found.message)
         self.assertLess(found.tip_error_after_m, 0.5 * found.tip_error_before_m)
+        self.assertRegex(repr(found), r"^<helix_arm.Calibration: success\n    K_gamma = .* \+- .*\n(?s:.*)    length_scale = 1.0")
         well, badly = found.combinations
         self.assertEqual(set(well.exponents), {"K_gamma", "K_kappa"})
         self.assertAlmostEqual(sum(well.exponents[name] * badly.exponents[name] for name in well.exponents), 0)

@@ -280,6 +280,25 @@ const SerialProfile kProfiles[] = {test::alicatProfile(),
                                    test::withChecksums(test::ctrlPProfile())};
 INSTANTIATE_TEST_SUITE_P(Each, AsciiSerialProfiles, testing::ValuesIn(kProfiles), nameOfProfile);
 
+// It takes numbers in its own unit and echoes them, so no answer to a set point shows the fault.
+TEST(AsciiSerialDriver, ADeviceWithAnotherUnitIsRefusedBeforeItsFirstSetPoint) {
+  SerialProfile profile = test::alicatProfile();
+  EmulatedDevice device(deviceOf(profile));
+  device.setFault(DeviceFault::kWrongUnit);
+  const auto asks = driverOf(profile, device.path());
+  const Failure refused = failureOf([&] { asks->connect(); });
+  EXPECT_EQ(refused.kind, "link");
+  EXPECT_TRUE(has(refused.text, "\"A 0 0 0 kPa\" does not match")) << refused.text;
+  EXPECT_TRUE(has(refused.text, "expected the unit PSIG at \"kPa\". Set the unit PSIG on the"));
+  EXPECT_TRUE(device.setPoint().isZero());
+  profile.unit_query.clear();
+  profile.unit_reply.clear();
+  const auto trusts = driverOf(profile, device.path());
+  trusts->connect();
+  trusts->write(regulate(Eigen::Vector3d::Constant(6894.757293168)));
+  EXPECT_TRUE(device.setPoint().isConstant(1e3));
+}
+
 // Either side may be the one without.
 TEST(AsciiSerialDriver, ADeviceWithAnotherIdeaOfChecksumsIsRefused) {
   const SerialProfile with = test::withChecksums(test::genericProfile());

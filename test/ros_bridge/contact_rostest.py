@@ -99,7 +99,7 @@ class Contact(LoopRig):
         self.vision.__exit__()
         self.assert_ends(FollowTipPathResult.VISION_LOST, "camera")
         self.assert_comes_to(LoopStatus.OPEN, None, DEADLINE)
-        self.assertIn("check the camera", self.loop[-1].message)
+        self.assertIn("check that camera", self.loop[-1].message)
         self.assert_wait(lambda: self.load[-1].state == ExternalLoad.UNSEEN, DEADLINE)
 
 

@@ -286,6 +286,8 @@ TEST_P(JpegEye, ACameraInfoOfAnotherSizeIsRefused) {
   auto info = eye_.info();
   info.width = 640;
   info.height = 480;
+  info.K[2] = 320;
+  info.K[5] = 240;
   const cv::Mat picture = eye_.picture(bent_);
   eye_.publish(info);
   // The first pictures may overtake it.
@@ -469,6 +471,22 @@ TEST(File, ItsPicturesAreRepublishedWithTheirIntrinsicsWhenAskedAlone) {
   EXPECT_TRUE(none.all().empty());
 }
 
+// Those of image_proc, whose lens no longer distorts, with the camera's own calibration.
+TEST(Rectified, PicturesAreNamed) {
+  CameraStandIn& eye = StandIns::of("jpeg");
+  VisionListener listener("rectified");
+  ros::Publisher image = listener.node.advertise<sensor_msgs::Image>("image_rect", 10);
+  Process node({HELIX_ARM_VISION, "__ns:=rectified", "_scene:=demo", "_source:=image",
+                "image:=image_rect", "_frame_prefix:=rectified_"});
+  const cv::Mat picture = eye.picture(eye.twists(kBent));
+  EXPECT_TRUE(waitFor([&] {
+    image.publish(eye.raw(picture, eye.stamp()));
+    const auto all = listener.status.all();
+    return !all.empty() &&
+           all.back()->message.find("image_rect are rectified") != std::string::npos;
+  })) << node.output();
+}
+
 TEST(File, PicturesOfATopicAreNotRepublished) {
   Process node({HELIX_ARM_VISION, "__ns:=looped", "_scene:=demo", "_publish_image:=true"});
   EXPECT_TRUE(node.prints("come from a topic already")) << node.output();
@@ -481,9 +499,10 @@ TEST(File, PicturesOfATopicAreNotRepublished) {
 TEST(VisionStatusPublisher, NoStateFollowsAFailure) {
   ros::NodeHandle node("failed_vision");
   Inbox<VisionStatus> statuses(node, names::kVisionStatus);
+  const io::Scene scene = shippedScene("demo");
   ros_bridge::VisionStatusPublisher publisher(node, "vision", "arm_base", "topic");
   ASSERT_TRUE(waitFor([&] {
-    publisher.report("demo");
+    publisher.report(scene);
     return !statuses.all().empty();
   }));
   publisher.enter(VisionStatus::MEASURED, "three tags");
@@ -491,7 +510,7 @@ TEST(VisionStatusPublisher, NoStateFollowsAFailure) {
   publisher.enter(VisionStatus::MEASURED, "three tags");
   publisher.refuse({ros_bridge::PictureFault::kSource, "no camera"});
   publisher.enter(VisionStatus::ENDED, "the file has ended");
-  publisher.report("demo");
+  publisher.report(scene);
   // Only the report tells of the fault that was counted last.
   ASSERT_TRUE(waitFor([&] { return statuses.last().source_faults == 1; }));
   EXPECT_EQ(statuses.last().state, VisionStatus::CAMERA_FAULT);

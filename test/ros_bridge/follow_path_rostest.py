@@ -13,6 +13,7 @@ import rospy
 import rostest
 import yaml
 from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", "support"))
 from helix_arm.msg import (FollowTipPathAction, FollowTipPathActionFeedback, FollowTipPathActionGoal,  # noqa: E402
@@ -20,9 +21,15 @@ from helix_arm.msg import (FollowTipPathAction, FollowTipPathActionFeedback, Fol
                            ProveContactAction, ProveContactGoal, SafetyState, TargetStatus)
 from helix_arm.srv import Reload  # noqa: E402
 from loop_rig import BESIDE, MIDDLE, LoopRig, call, close_loop, goal_along, place, target_at, wait_for  # noqa: E402
+from processes import SOURCE  # noqa: E402
 from test_size import full_size_only, is_full_size  # noqa: E402
 
 TARGET_TIMEOUT = 1  # of config/scenes/demo.yaml [s]
+NODES = ("visual_servo", "pressure_command", "vision")  # that hold one scene; who may refuse first
+
+
+def reload(node, scene=""):
+    return rospy.ServiceProxy(node + "/reload", Reload)(scene)
 
 
 class FollowTipPath(LoopRig):
@@ -178,13 +185,28 @@ class FollowTipPath(LoopRig):
     def test_another_scene_is_taken_while_the_last_place_is_held_but_not_while_a_goal_runs(self):
         self.send(goal_along([MIDDLE, BESIDE], 4.0, hold_s=0))
         self.assert_under_way()
-        reload = rospy.ServiceProxy("visual_servo/reload", Reload)
-        refused = reload()
-        self.assertFalse(refused.success)
-        self.assertIn("cancel its goal", refused.message)
+        for node in NODES:
+            refused = reload(node)
+            self.assertFalse(refused.success, node)
+            self.assertIn("cancel its goal", refused.message)
         self.assert_ends(FollowTipPathResult.SUCCESSFUL)
-        self.assertTrue(reload().success)
+        for node in NODES:
+            self.assertTrue(reload(node).success, node)
         self.assert_rests()
+
+    def test_nodes_of_different_scenes_are_an_error_and_end_a_goal(self):
+        diagnostics, demo = self.inbox("/diagnostics", DiagnosticArray), SOURCE + "/config/scenes/demo.yaml"
+        self.assertTrue(reload("pressure_command", self.scene_with(demo, {"arm.stiffness.K_kappa_m2": 2e-4})).success)
+        self.send(goal_along([MIDDLE, BESIDE], 30.0))
+        self.assert_ends(FollowTipPathResult.NOT_ENABLED, "another file")
+        for node in NODES:
+            self.assertTrue(diagnostics.next(lambda array: any(  # pylint: disable-next=cell-var-from-loop
+                one.name.startswith(node) and one.level == DiagnosticStatus.ERROR and "another file" in one.message
+                for one in array.status)), node)
+        self.assertTrue(reload("pressure_command", "demo").success)
+        self.assertTrue(diagnostics.next(lambda array: any(one.name == "visual_servo: loop" and not one.level for one in array.status)))
+        self.send(goal_along([MIDDLE, BESIDE], 1.0))
+        self.assert_ends(FollowTipPathResult.SUCCESSFUL)
 
     def test_a_vent_aborts_the_goal_and_refuses_the_next(self):
         self.send(goal_along([MIDDLE, BESIDE], 20.0))

@@ -186,6 +186,18 @@ TEST(CameraInfo, AnInvalidCalibrationIsRefused) {
          i.D.assign(14, 0.1);
          i.distortion_model = "rational_polynomial";
        }},
+      {"'rational_polynomial' with 5 coefficients",
+       [](Info& i) { i.distortion_model = "rational_polynomial"; }},
+      {"'plumb_bob' with 3 coefficients", [](Info& i) { i.D.resize(3); }},
+      {"skew", [](Info& i) { i.K[1] = 12; }},
+      {"K transposed",
+       [](Info& i) {
+         std::swap(i.K[2], i.K[6]);
+         std::swap(i.K[5], i.K[7]);
+       }},
+      {"K[8] = 0", [](Info& i) { i.K[8] = 0; }},
+      {"far from the centre", [](Info& i) { i.K[2] = 0.24 * i.width; }},
+      {"far from the centre", [](Info& i) { i.K[5] = 0.76 * i.height; }},
       {"binning", [](Info& i) { i.binning_x = 2; }},
       {"region", [](Info& i) { i.roi.x_offset = 10; }},
   };

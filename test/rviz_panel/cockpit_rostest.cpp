@@ -486,7 +486,7 @@ TEST_F(CockpitCalibration, TheResultIsUsedByAllNodesAtAClick) {
   awaitSaid("answer", "Use it: ");
   const std::string answer = text("answer");
   const std::size_t cut =
-      answer.find(" is used by pressure_command, vision, visual_servo, calibration");
+      answer.find(" is used by visual_servo, pressure_command, vision, calibration");
   ASSERT_NE(cut, std::string::npos) << answer;
   const std::string path = answer.substr(std::string("Use it: ").size(), cut - 8);
   EXPECT_EQ(path.find(folder_.path() + "/calibrated_"), 0U) << path;

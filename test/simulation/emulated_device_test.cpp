@@ -173,6 +173,8 @@ TEST(SerialDevice, EachFaultIsWhatItsNameSays) {
 
   device.setFault(DeviceFault::kWrongUnit);
   EXPECT_EQ(terminal.ask("p0?"), "p0=29.01 psi");  // 200 kPa / 6.894757 kPa
+  terminal.ask("p0=29.01");
+  EXPECT_NEAR(device.setPoint()[0], 2e5, 35);
   device.setFault(DeviceFault::kNanText);
   EXPECT_EQ(terminal.ask("p0?"), "p0=nan kPa");
   device.setFault(DeviceFault::kStuckValue);

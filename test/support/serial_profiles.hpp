@@ -23,6 +23,9 @@ inline regulator::SerialProfile alicatProfile() {
   profile.baud = 19200;
   profile.terminator = "\r";
   profile.pascals = 6894.757293168;
+  profile.unit_word = "PSIG";
+  profile.unit_query = "{address}LS";
+  profile.unit_reply = "{address} {*} {*} {*} {unit}";
   profile.write = "{address}S{pressure}";
   profile.write_reply = "{address} {pressure} {set_point}{words}";
   profile.read = "{address}";

@@ -73,6 +73,17 @@ TEST_P(EveryFamily, TagsAreFoundWithTheirCornersInReadingOrder) {
   }
 }
 
+TEST_P(EveryFamily, ItsSizeIsToldOverTheEdgeThatIsPrinted) {
+  const TagFamily family(GetParam());
+  const cv::Mat cells = family.cells(0);
+  const int first = family.quietCells(), last = first + family.borderCells() - 1;
+  for (int i = first; i <= last; ++i) {
+    const bool black = cells.at<unsigned char>(first, i) == 0;
+    EXPECT_NE(black, cells.at<unsigned char>(first - 1, i) == 0) << "no edge in column " << i;
+    EXPECT_EQ(family.sizeEdge().find("outer edge of the black border") == 0, black);
+  }
+}
+
 INSTANTIATE_TEST_SUITE_P(TagDetector, EveryFamily, testing::ValuesIn(TagFamily::names()),
                          [](const auto& family) { return family.param; });
 

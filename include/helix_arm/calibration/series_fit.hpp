@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "helix_arm/calibration/calibration.hpp"
+#include "helix_arm/calibration/suspects.hpp"
 #include "helix_arm/lie/se3.hpp"
 #include "helix_arm/model/arm_response.hpp"
 #include "helix_arm/model/response.hpp"
@@ -98,6 +99,7 @@ struct SeriesFit {
   double rms = 0.0;               ///< distance over all rows used [m]
   double rms_about_offset = 0.0;  ///< with the trials' offsets [m]
   double held_out_rms = 0.0;      ///< of blocks that were left out [m]
+  double baseline_rms = 0.0;      ///< cubicError() of the same rows [m]
   double rms_turn = 0.0;          ///< of the orientation over all rows used; NaN without [rad]
 };
 
@@ -116,6 +118,32 @@ struct SeriesFit {
 /// noise would find: of an arm that creeps in two ways, the one creep that describes both best.
 SeriesFit fitSeries(const SeriesPrior& prior, const TipSeries& series,
                     const SeriesOptions& options);
+
+/// Rows of a series that cannot be positions of the tip.
+struct SeriesFaults {
+  std::vector<Eigen::Index> zero;    ///< exactly at the origin, where no other row comes near
+  std::vector<Eigen::Index> frozen;  ///< the same to the last digit while pressures change
+  std::vector<Eigen::Index> far;     ///< far away from all others, or from the rows about them
+};
+SeriesFaults faultyRows(const TipSeries& series);
+
+/// RMS distance of the positions from a cubic of the pressures behind the best of some lags, fitted
+/// to the same rows: as near as a model comes that knows nothing of arms, so that it tells the
+/// noise of a recording. NaN without positions or pressures [m].
+double cubicError(const TipSeries& series);
+
+/// A usual mistake of a recording that explains why the arm does not fit it.
+struct SeriesSuspect {
+  /// Its cause may also be tip_mirrored, quaternion_order, time_unit or frame_of_positions.
+  /// `explains` is of the mean square beyond cubicError(). Its own `corrected` is empty.
+  Suspect suspect;
+  TipSeries corrected;  ///< without the mistake; empty if that takes another fit
+};
+
+/// Tries the usual mistakes of a recording with short fits of the requested numbers, and names at
+/// most 5 that explain 0.3 or more, best first.
+std::vector<SeriesSuspect> suspectsOf(const SeriesPrior& prior, const TipSeries& series,
+                                      const SeriesOptions& options);
 
 /// The model, with the responses of its actuators, against a series. Where it finds no shape under
 /// its load, the deviation is NaN.

@@ -31,8 +31,13 @@ struct Suspect {
 /// accurate [Pa].
 constexpr double kBeyondLimit = 10e3;
 
-/// Share of what is beyond the noise from which a suspect is taken for certain: nothing is written.
-constexpr double kCertain = 0.9;
+/// Residuals beyond so many times their noise are far from the fitted arm.
+constexpr double kFarNoise = 5.0;
+
+/// Whether one of them is taken for certain, so that nothing is written: it explains 0.9 of what is
+/// beyond the noise, or 0.5 where the residuals are beyond kFarNoise.
+/// @param noise  the residuals' scale, in expected deviations (Calibration::noise_scale).
+bool isCertain(const std::vector<Suspect>& suspects, double noise);
 
 /// Tries the usual mistakes of a rig, each with a fit of the requested parameters, and names those
 /// that explain most of what the fit leaves beyond the noise, best first. The mistakes are those of

@@ -31,6 +31,9 @@ enum class Fault {
 };
 inline constexpr int kFaultCount = 13;
 
+/// What to look at where stamps are so far behind the clock that they are compared with [s].
+const char* whyLate(double age);
+
 /// Name of a fault in diagnostics: `not_finite`, `wrong_size`, ...
 const char* nameOf(Fault fault);
 

@@ -26,6 +26,10 @@ struct Camera {
 
   bool distorts() const;
 
+  /// Whether the principal point is within a fifth of the picture's sides of its centre. Lenses are
+  /// mounted better than that; a calibration of another size of picture is farther off.
+  bool isCentred() const;
+
   /// Mean focal length, which converts directions to pixels [px].
   double focal() const { return 0.5 * (fx + fy); }
 

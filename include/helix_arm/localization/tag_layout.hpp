@@ -29,7 +29,7 @@ struct TagPlacement {
   bool placed = true;  ///< false: such a calibration has no capture that shows it
 };
 
-/// All tags of an arm. They have one size, measured over the outer edge of the black border.
+/// All tags of an arm. They have one size, measured over vision::TagFamily::sizeEdge().
 struct TagLayout {
   double size = 0;  ///< [m]
   std::vector<TagPlacement> tags;

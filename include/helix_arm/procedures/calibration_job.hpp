@@ -124,10 +124,12 @@ CalibrationOutcome runCalibration(const std::string& path,
 /// The current time in the format of a provenance: UTC, ISO 8601.
 std::string utcNow();
 
-/// Median distance of the model's tip from that of the shape fitted to each capture's tags by
-/// itself [m], as in model_error. Captures whose tags determine no shape, or for which the model
-/// has none, are left out.
-/// @return nothing if no capture is left, as for curvatures.
+/// Distance of the model's tip from that of the shape fitted to each capture's tags by itself [m],
+/// as in model_error. NaN of captures whose tags determine no shape, or for which the model has
+/// none.
+std::vector<double> tipErrors(const io::Scene& scene,
+                              const std::vector<estimation::Capture>& captures);
+/// Their median; nothing if none is a number, as for curvatures.
 std::optional<double> medianTipError(const io::Scene& scene,
                                      const std::vector<estimation::Capture>& captures);
 

@@ -37,6 +37,7 @@ struct FollowPlan {
   std::vector<Eigen::Vector3d> tips;     ///< base frame [m]; they share the seconds evenly
   std::optional<control::TipPath> path;  ///< begins when the tip has moved to its first point
   double seconds = 10.0;                 ///< > 0 [s]
+  bool to_path_end = false;              ///< ends with the path, after `seconds` at the latest
   bool open = false;                     ///< the loop stays open
   bool ignore_contacts = false;          ///< see follow::VisualServo::ignoreContacts()
   /// Command of a simulation::Plant that stands in for the rig's true arm; empty: none does.
@@ -128,6 +129,10 @@ struct FollowResult {
   /// At the last accepted picture; nothing without one.
   std::optional<estimation::TipErrorBudget> budget;
 };
+
+/// Lets a plan with a path end with it; its time is then that of the path and of the longest way to
+/// its first point.
+void endWithPath(FollowPlan& plan);
 
 /// Why a run has no figures, or none of a closed loop, and what to do; empty if it has.
 std::string failureOf(const FollowPlan& plan, const FollowResult& result);

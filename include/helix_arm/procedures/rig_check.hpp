@@ -60,8 +60,8 @@ inline constexpr double kLeastPixelsPerBit = 1.0;  ///< the second
 
 /// Looks for what keeps a rig from working, without moving or connecting anything: tags that stand
 /// off the arm, face inward, overlap or are too small; how many are seen over the workspace and how
-/// well they tell the tip; contraction curves; the regulator's supply and its behaviour when its
-/// line dies.
+/// well they tell the tip; contraction curves; a stiffness in another unit; the regulator's supply
+/// and its behaviour when its line dies.
 /// @param samples  number of inputs drawn within the limits, besides their corners; >= 0.
 RigCheck checkRig(const io::Scene& scene, int samples = 150);
 

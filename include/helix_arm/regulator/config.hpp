@@ -57,6 +57,8 @@ struct SerialProfile {
   bool checksum = false;              ///< withChecksum() of every line, in both directions
 
   std::vector<std::string> start;  ///< sent once connected; answers are ignored
+  std::string unit_query;          ///< asked before the first set point; empty if there is none
+  std::string unit_reply;          ///< answer to it, with {unit}
   std::string write;               ///< set points
   std::string write_reply;         ///< answer to it; empty if there is none
   std::string read;         ///< requests readings; empty if the device sends them unsolicited

@@ -87,6 +87,7 @@ struct SerialLines {
   explicit SerialLines(const SerialProfile& profile);
 
   std::vector<LineFormat> start, vent, close, resume, skip;
+  std::optional<LineFormat> unit_query, unit_reply;
   std::optional<LineFormat> write, write_reply, read, reply, supply_line, vent_reply;
 };
 

@@ -54,7 +54,8 @@ class SimulatedRegulator {
   /// @throws std::invalid_argument naming the value and its rule.
   SimulatedRegulator(int channels, const SimulatedRegulatorConfig& config);
 
-  /// Sets the set points: (channels) gauge, finite; below 0 counts as 0 [Pa].
+  /// Sets the set points: (channels) gauge, finite; a set point below
+  /// that of a vacuum counts as one [Pa].
   /// @throws std::invalid_argument on a wrong size or a value that is not finite; the old set
   /// points stay.
   void command(const Eigen::Ref<const Eigen::VectorXd>& set_point);

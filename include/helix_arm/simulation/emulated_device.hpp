@@ -20,7 +20,7 @@ enum class DeviceFault {
   kSilence,     ///< accepts nothing and answers nothing
   kGarbage,     ///< answers with random bytes
   kHalfLine,    ///< answers are cut short
-  kWrongUnit,   ///< answers in a unit other than its profile's
+  kWrongUnit,   ///< has a unit other than its profile's
   kSlow,        ///< answers later than the profile's timeout
   kRestart,     ///< drops the link once and comes back vented, without fault
   kNanText,     ///< answers "nan", or the register value of a broken sensor
@@ -72,7 +72,8 @@ class Emulation;
 /// limit of the range.
 ///
 /// Faults: kHalfLine omits the second half of every answer; kGarbage replaces it by random bytes;
-/// kWrongUnit answers in another unit, in registers a tenth (kPa for millibar); kNanText reads
+/// kWrongUnit takes and answers numbers in another unit; registers are still written in the
+/// profile's, and read a tenth (kPa for millibar); kNanText reads
 /// regulator::kNoReading in registers; kSlow answers after two and a half times the profile's
 /// timeout, one after the other, and what is still owed at once when the fault ends. kRestart gives
 /// a terminal another path, and closes all sockets for a moment. After kSilence, all sockets are

@@ -38,6 +38,8 @@ class TagFamily {
   int quietCells() const;
   /// Number of cells along a side of the detected square.
   int borderCells() const;
+  /// Where black meets white around that square: what tags.size_m is measured over.
+  std::string sizeEdge() const;
   /// True if the detected square is white inside and black around it.
   bool isReversed() const;
 

@@ -16,11 +16,12 @@ import helix_arm
 from helix_arm import _core
 from helix_arm.experiments import bode, creep, hysteresis, loads, repeatability, sheet, step, workspace
 from helix_arm.experiments.figures import Figure
-from helix_arm.experiments.protocol import Analysis, Experiment, Options, Recordings, Trial
-from helix_arm.experiments.rig import Rig, columns, lines_of, read_series
+from helix_arm.experiments.protocol import Analysis, Course, Experiment, Options, Recordings, Trial
+from helix_arm.experiments.rig import Rig, SimulatedRig, columns, lines_of, read_series
 from helix_arm.scene import Scene
 
 ALL = "all"
+UNNAMED = "actuator_"  # and a number: actuators of recordings without a scene
 SETTLE = 1.5  # times the longest 98 % time of `step`
 # `step` tells the others how long the arm takes to rest; `workspace` finds a wrong model before hours are spent.
 EXPERIMENTS: Dict[str, Experiment] = {
@@ -82,7 +83,7 @@ def measure(name: str, scene: Scene, rig: Rig, out: os.PathLike, options: Option
     if EXPERIMENTS[name].needs == "hang" and not rig.hangs:
         why = "this rig hangs no forces at the tip; hang weights, record trials named as docs/experiments.md says, and analyse them."
         analysis = Analysis([Figure.unknown(name, "", "", why)])
-    return write(name, analysis, scene, rig.origin, Path(out), ended)
+    return write(name, [(name, analysis)], scene, rig.origin, Path(out), ended)
 
 
 def record(name: str, trials: Sequence[Trial], scene: Scene, rig: Rig, out: Path, stop: Callable[[], str],
@@ -133,14 +134,25 @@ def result_of(name: str, analysis: Analysis, scene: Optional[Scene], ended: str 
                   ended, analysis)
 
 
-def write(name: str, analysis: Analysis, scene: Optional[Scene], conditions: str, out: Path, ended: str = "") -> Result:
-    """Writes NAME.json, NAME.html and NAME.pdf, each completely or not at all."""
+def _picture_of(scene: Scene) -> Optional[np.ndarray]:
+    """(height, width) of the scene's camera: the arm, bent by one actuator; None without a camera or tags."""
+    if scene._picture_shape is None:
+        return None
+    return _core.picture(scene, Course(SimulatedRig(scene)).drive(0, 0.6))
+
+
+def write(name: str, sections: Sequence[Tuple[str, Analysis]], scene: Optional[Scene], conditions: str, out: Path,
+          ended: str = "") -> Result:
+    """Writes NAME.json, NAME.html and NAME.pdf of analyses by their experiments, each completely or not at all."""
+    analysis = Analysis([one for _, part in sections for one in part.figures], [one for _, part in sections for one in part.plots])
     result = result_of(name, analysis, scene, ended)
+    actuators = scene.actuators if scene else [one.name.partition(" ")[0] for one in analysis.figures if one.name.startswith(UNNAMED)]
     paths = {kind: out / f"{name}.{kind}" for kind in ("json", "html", "pdf")}
     out.mkdir(parents=True, exist_ok=True)
     header = sheet.header_of(result.document(), conditions)
     for path, content in zip(paths.values(), (json.dumps(result.document(), indent=1).encode(),
-                                              sheet.html_of(header, analysis).encode(), sheet.pdf_of(header, analysis))):
+                                              sheet.html_of(header, sections, actuators).encode(),
+                                              sheet.pdf_of(header, sections, actuators, _picture_of(scene) if scene else None))):
         _core._write(str(path), content)
     return Result(**{**vars(result), "paths": paths})
 
@@ -158,9 +170,7 @@ def measure_all(scene: Scene, rig: Rig, out: Path, options: Options, stop: Calla
             times = [one.value for one in found if one.value is not None]
             if times:
                 options = replace(options, settle_s=float(np.clip(SETTLE * max(times), 1.0, 30.0)))
-    both = Analysis([one for result in results for one in result.figures],
-                    [one for result in results for one in result.analysis.plots])
-    write(ALL, both, scene, rig.origin, out, results[-1].ended)
+    write(ALL, [(one.experiment, one.analysis) for one in results], scene, rig.origin, out, results[-1].ended)
     return results
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from helix_arm import _core
 from helix_arm.experiments.figures import NORMAL, Figure, correlated_mean, jackknife
@@ -13,7 +14,7 @@ from helix_arm.experiments.rig import Recording, Rig
 from helix_arm.scene import Scene
 
 REPEATS, HOLD_S, TOP = 5, 8.0, 0.6  # TOP: share of the range
-LEVELS = {"t5": (0.05, "dead time"), "t63": (0.63, "63 % time"), "t90": (0.90, "90 % time"), "t98": (0.98, "98 % time")}
+LEVELS = {"t5": (0.05, "5 % time"), "t63": (0.63, "63 % time"), "t90": (0.90, "90 % time"), "t98": (0.98, "98 % time")}
 LEAST, STILL, STILL_S = 0.15, 0.05, 0.1  # changes of the range of pressure that are a step, and that are none
 MISFIT, LEAST_WIDTH = 1.3, 1.5  # variance about a fit, by that of the noise; half width of a fit, by the spacing of readings
 RINGING = 2 / 3  # of the releases and steps, that have to ring
@@ -210,13 +211,48 @@ def _groups(recordings: Recordings, names: Sequence[str]) -> Dict[str, Group]:
     return out
 
 
+def _time(name: str, symbol: str, found: Tuple[float, float], definition: str) -> Figure:
+    value, error = found
+    if error > value:
+        return Figure.unknown(name, symbol, "s", f"its error of {error:.2g} s is larger than its value of {value:.2g} s.")
+    return Figure(name, symbol, value, error, "s", definition)
+
+
+def _dead_time(name: str, group: Group, parts: List[Response]) -> Figure:
+    """Of the pressure behind its command, whose ramp is not part of it."""
+    if not all(np.isfinite(recording.target_pa).all() for recording, *_ in group):
+        return Figure.unknown(name, "D", "s", "the commands are not known.")
+    ramps = []
+    for recording, actuator, step, _ in group:
+        rows = slice(step.begin, step.end + 1)
+        part = (recording.target_pa[rows, actuator] - step.before) / (step.after - step.before)
+        early, late = np.interp([0.1, 0.9], part, recording.time_s[rows] - recording.time_s[step.begin])
+        ramps.append([early - (late - early) / 8, (late - early) / 0.8])
+    begin, ramp = np.median(ramps, axis=0)
+
+    def fitted(some: Sequence[Response]) -> float:
+        time, value = _pooled(some)
+
+        def rest(numbers: np.ndarray) -> np.ndarray:
+            dead, lag = numbers
+            since = np.maximum((time - begin - dead)[:, None] - [0, ramp], 0)
+            reached = since - lag * -np.expm1(-since / lag)
+            return (reached[:, 0] - reached[:, 1]) / ramp - value
+
+        return float(least_squares(rest, [0, max(ramp / 4, 0.01)], bounds=([-1, 1e-4], [10, 10]), x_scale=0.01).x[0])
+
+    return _time(name, "D", jackknife(parts, fitted),
+                 f"Dead time before a lag of first order, fitted to the pressure behind the commanded ramp of {ramp:.2g} s: as the key "
+                 "dead_time_s of a scene's regulator; all repeats together, jackknife.")
+
+
 def _times(name: str, what: str, parts: List[Response]) -> List[Figure]:
     out = []
     for symbol, (level, words) in LEVELS.items():
-        value, error = time_to(parts, level)
-        out.append(Figure(f"{name} {words}, {what}", symbol, value, error, "s",
-                          f"Time from the start of the commanded step until the {what} has gone {100 * level:g} % of its way to the "
-                          "mean of the last fifth of the hold (step response of IEC 60050-351); all repeats together, jackknife."))
+        out.append(_time(f"{name} {words}, {what}", symbol, time_to(parts, level),
+                         f"Time from the start of the commanded step, with its ramp, until the {what} has gone {100 * level:g} % of its "
+                         "way to the mean of the last fifth of the hold (step response of IEC 60050-351); all repeats together, "
+                         "jackknife."))
     found = overshoot(parts)
     if found is None:
         return out + [Figure.unknown(f"{name} overshoot, {what}", "o", "%", "what exceeds the end may be noise.")]
@@ -248,6 +284,8 @@ def analyse(recordings: Recordings, names: Sequence[str], scene: Optional[Scene]
                 out.figures.append(Figure.unknown(f"{name}, {what}", "t63", "s", why))
                 continue
             out.figures += _times(name, what, parts)
+            if what == "pressure":
+                out.figures.append(_dead_time(f"{name} dead time, pressure", group, parts))
             curves.append(Curve(*_smooth(parts), what))
         out.plots.append(Plot(f"{name}: response", "time since the command [s]", "part of the step", curves))
         if " up" in name:
@@ -255,7 +293,7 @@ def analyse(recordings: Recordings, names: Sequence[str], scene: Optional[Scene]
     rings: Dict[str, List[Tuple[np.ndarray, np.ndarray]]] = {}
     for name, group in groups.items():
         quiet = [one.value for one in out.figures
-                 if one.symbol == "t98" and one.name.startswith(name) and one.name.endswith("pressure")]
+                 if one.symbol == "t98" and one.value is not None and one.name.startswith(name) and one.name.endswith("pressure")]
         for recording, actuator, step, _ in group:
             time = recording.time_s
             rows = recording.seen() & (time > time[step.begin] + max(quiet, default=0.0)) & (time <= time[step.end])

@@ -191,6 +191,17 @@ struct Conversion {
   }
 };
 
+// The first line of a text, from 1, that begins with a tab, perhaps after blanks; 0 if none does.
+int tabbedLine(const std::string& text) {
+  std::istringstream lines(text);
+  std::string line;
+  for (int number = 1; std::getline(lines, line); ++number) {
+    const std::size_t begin = line.find_first_not_of(' ');
+    if (begin != std::string::npos && line[begin] == '\t') return number;
+  }
+  return 0;
+}
+
 // Without the context that yaml-cpp appends to some messages.
 std::string reasonOf(const YAML::Exception& error) {
   const std::string unknown_anchor = YAML::ErrorMsg::UNKNOWN_ANCHOR;
@@ -219,7 +230,11 @@ std::optional<Value> parse(const std::string& text, const std::optional<std::str
     report(faults, start, "is nested too deeply or holds too many values");
   } catch (const YAML::Exception& error) {
     const Place place{error.mark.is_null() ? start.line : error.mark.line + 1, {}};
-    report(faults, override_key ? start : place, "is not YAML: " + reasonOf(error));
+    const int tabbed = override_key ? 0 : tabbedLine(text);
+    report(faults, override_key ? start : place, "is not YAML: " + reasonOf(error),
+           tabbed == 0 ? ""
+                       : "; line " + std::to_string(tabbed) +
+                             " begins with a tab, which cannot indent YAML: use blanks");
   }
   return std::nullopt;
 }

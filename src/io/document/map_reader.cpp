@@ -25,14 +25,20 @@ std::optional<double> finiteNumber(const Value& value) {
 std::optional<std::string> brokenPart(const NumberRule& rule, const std::optional<double>& number) {
   if (!number || !rule.holds(*number)) return rule.text;
   if (*number >= rule.lowest && *number <= rule.highest) return std::nullopt;
-  return formatNumber(rule.lowest) + " to " + formatNumber(rule.highest) + rule.unit;
+  return formatNumber(rule.lowest) + " to " + formatNumber(rule.highest) + rule.unit +
+         unitHint(*number, rule);
 }
 
 double inUnit(double number, double unit) {
   return unit == kKilo ? kilopascals(number) : number / unit;
 }
 
-// Levenshtein distance between two words.
+Eigen::Matrix3d turn(double degrees, const Eigen::Vector3d& axis) {
+  return Eigen::AngleAxisd(radians(degrees), axis).toRotationMatrix();
+}
+
+}  // namespace
+
 std::size_t editDistance(const std::string& a, const std::string& b) {
   std::vector<std::size_t> row(b.size() + 1);
   std::iota(row.begin(), row.end(), 0);
@@ -47,11 +53,15 @@ std::size_t editDistance(const std::string& a, const std::string& b) {
   return row.back();
 }
 
-Eigen::Matrix3d turn(double degrees, const Eigen::Vector3d& axis) {
-  return Eigen::AngleAxisd(radians(degrees), axis).toRotationMatrix();
+std::string unitHint(double value, const NumberRule& rule) {
+  if (std::string(rule.unit) != kLength.unit) return "";
+  const auto within = [&rule](double number) {
+    return number >= rule.lowest && number <= rule.highest;
+  };
+  if (within(1e-3 * value)) return ", " + formatNumber(1e-3 * value) + " if it is in millimetres";
+  if (within(1e-2 * value)) return ", " + formatNumber(1e-2 * value) + " if it is in centimetres";
+  return "";
 }
-
-}  // namespace
 
 const Text kWord{"a word of letters, digits, _ and -", [](const std::string& text) {
                    return std::all_of(text.begin(), text.end(), [](char c) {

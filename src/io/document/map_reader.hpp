@@ -43,6 +43,13 @@ inline constexpr NumberRule kPressure = within(kFinite, -101.325, 1e5, " kPa (ga
 inline constexpr NumberRule kPositivePressure = within(kPositive, 1e-3, 1e5, " kPa (gauge)");
 inline constexpr NumberRule kStiffness = within(kNotNegative, 0, 1e15);
 
+/// Number of letters to be changed, added or left out between two words (Levenshtein).
+std::size_t editDistance(const std::string& a, const std::string& b);
+
+/// For messages on a value beyond its plausible range: the unit by which it would be inside, if it
+/// is larger by a factor of 1000 or 100; empty otherwise.
+std::string unitHint(double value, const NumberRule& rule);
+
 /// Rule of a whole number.
 struct Whole {
   long long lowest, highest;

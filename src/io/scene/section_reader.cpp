@@ -94,7 +94,15 @@ OptionalCurve readQuintic(const MapReader& contraction, const std::string& key) 
   if (!keys.isSound()) return std::nullopt;
   std::array<double, 6> c{};
   std::copy(coefficients.begin(), coefficients.end(), c.begin());
-  return model::Contraction::quintic(c, reference, most);
+  const model::Contraction curve = model::Contraction::quintic(c, reference, most);
+  for (const double length : {curve.lengthRange().lower, curve.lengthRange().upper}) {
+    if (length >= kLength.lowest && length <= kLength.highest) continue;
+    keys.complain("coefficients_m", "gives a length of ", formatNumber(length), " m; expected ",
+                  formatNumber(kLength.lowest), " to ", formatNumber(kLength.highest), kLength.unit,
+                  unitHint(length, kLength));
+    return std::nullopt;
+  }
+  return curve;
 }
 
 OptionalCurve readTable(const MapReader& contraction, const std::string& key) {

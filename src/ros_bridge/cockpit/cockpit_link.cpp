@@ -62,8 +62,8 @@ CallAnswer called(const std::string& name, Service service) {
 }
 
 /// Writes the last calibration of an arm's calibration node into its ~out_folder, under a name that
-/// holds the time, and loads it in pressure_command, vision, visual_servo and calibration, those
-/// that are up. Blocks.
+/// holds the time, and loads it in visual_servo, which may refuse, pressure_command, vision and
+/// calibration, those that are up. Blocks.
 ///
 /// @param ns  resolved namespace of the arm's nodes.
 CallAnswer useLastCalibration(const std::string& ns) {
@@ -78,7 +78,7 @@ CallAnswer useLastCalibration(const std::string& ns) {
   if (saved.answered && !saved.success) saved.message = "not written: " + saved.message;
   if (!saved.success) return saved;
   std::string users;
-  for (const char* user : {names::kPressureCommandNode, names::kVisionNode, names::kVisualServoNode,
+  for (const char* user : {names::kVisualServoNode, names::kPressureCommandNode, names::kVisionNode,
                            names::kCalibrationNode, names::kExperimentNode}) {
     const std::string name = ros::names::append(ros::names::append(ns, user), names::kReload);
     if (!ros::service::exists(name, false)) continue;

@@ -6,8 +6,10 @@
 #include <exception>
 #include <sstream>
 
+#include "guarded_callbacks.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/text.hpp"
+#include "helix_arm/io/scene.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
@@ -16,6 +18,9 @@ namespace levels = ros::console::levels;
 
 // More than the faults that a scene may report at once (io::FaultList::kMostKept).
 constexpr std::size_t kMostWaiting = 200;
+
+// Longest time in which all nodes of an arm are reloaded, one after the other [s].
+constexpr double kReloadTime = 3.0;
 
 struct Current {
   basics::Mutex mutex;
@@ -161,6 +166,63 @@ diagnostic_msgs::DiagnosticStatus makeStatus(
   out.message = message;
   for (const auto& [key, value] : values) addValue(out, key, value);
   return out;
+}
+
+DiagnosticsPublisher::DiagnosticsPublisher(ros::NodeHandle& node)
+    : publisher_(node.advertise<diagnostic_msgs::DiagnosticArray>(names::kDiagnostics, 10)) {
+  for (const char* name :
+       {names::kPressureCommandNode, names::kVisionNode, names::kVisualServoNode}) {
+    peers_.push_back({statusName(node.resolveName(name), ""), "", "", {}, {}});
+  }
+  subscriber_ = listen(node, names::kDiagnostics, 50, &DiagnosticsPublisher::onDiagnostics, this);
+}
+
+void DiagnosticsPublisher::publish(const std::string& node, const io::Scene& scene,
+                                   std::vector<diagnostic_msgs::DiagnosticStatus> statuses) {
+  diagnostic_msgs::DiagnosticArray msg;
+  msg.header.stamp = ros::Time::now();
+  msg.status = std::move(statuses);
+  for (auto& status : msg.status) {
+    status.name = statusName(node, status.name);
+    status.hardware_id = scene.name;
+  }
+  addValue(msg.status.front(), names::kSceneKey, scene.sha256);
+  if (const std::string other = otherScene(scene); !other.empty()) {
+    msg.status.front().level = diagnostic_msgs::DiagnosticStatus::ERROR;
+    msg.status.front().message = other;
+  }
+  publisher_.publish(msg);
+}
+
+std::string DiagnosticsPublisher::otherScene(const io::Scene& scene) {
+  const ros::SteadyTime now = ros::SteadyTime::now();
+  std::string out;
+  for (Peer& peer : peers_) {
+    const bool heard = now - peer.heard < ros::WallDuration(kReloadTime);
+    if (!heard || peer.sha256 == scene.sha256) {
+      peer.differs_since = {};
+    } else if (peer.differs_since.isZero()) {
+      peer.differs_since = now;
+    } else if (now - peer.differs_since > ros::WallDuration(kReloadTime)) {
+      out =
+          peer.prefix + "its scene " + basics::quoted(peer.scene, kLongestMessage) +
+          " is another file than the scene " + scene.name +
+          " of this node; call ~reload of pressure_command, vision and visual_servo with one file";
+    }
+  }
+  return out;
+}
+
+void DiagnosticsPublisher::onDiagnostics(const diagnostic_msgs::DiagnosticArrayConstPtr& message) {
+  for (const auto& status : message->status) {
+    const std::string sha256 = valueOf(status, names::kSceneKey);
+    for (Peer& peer : peers_) {
+      if (sha256.empty() || status.name.compare(0, peer.prefix.size(), peer.prefix) != 0) continue;
+      peer.scene = status.hardware_id;
+      peer.sha256 = sha256;
+      peer.heard = ros::SteadyTime::now();
+    }
+  }
 }
 
 std::string valueOf(const diagnostic_msgs::DiagnosticStatus& status, const std::string& key) {

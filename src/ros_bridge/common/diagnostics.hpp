@@ -15,6 +15,10 @@
 #include "helix_arm/basics/mutex.hpp"
 #include "ros_bridge/names.hpp"
 
+namespace helix_arm::io {
+struct Scene;
+}
+
 /// What a node tells: lines of ROS's log, warnings of faults, and diagnostics.
 namespace helix_arm::ros_bridge {
 
@@ -79,26 +83,31 @@ diagnostic_msgs::DiagnosticStatus makeStatus(
     const std::string& what, unsigned char level, const std::string& message,
     const std::vector<std::pair<std::string, std::string>>& values = {});
 
-/// Publishes the statuses of a node on /diagnostics.
+/// Publishes the statuses of a node on /diagnostics, and compares its scene there with those of
+/// pressure_command, vision and visual_servo of the same arm. For one thread.
 class DiagnosticsPublisher {
  public:
-  explicit DiagnosticsPublisher(ros::NodeHandle& node)
-      : publisher_(node.advertise<diagnostic_msgs::DiagnosticArray>(names::kDiagnostics, 10)) {}
-  /// @param node  its name. @param scene  name of the scene.
-  void publish(const std::string& node, const std::string& scene,
-               std::vector<diagnostic_msgs::DiagnosticStatus> statuses) {
-    diagnostic_msgs::DiagnosticArray msg;
-    msg.header.stamp = ros::Time::now();
-    msg.status = std::move(statuses);
-    for (auto& status : msg.status) {
-      status.name = statusName(node, status.name);
-      status.hardware_id = scene;
-    }
-    publisher_.publish(msg);
-  }
+  explicit DiagnosticsPublisher(ros::NodeHandle& node);
+  /// The first status tells the scene, and is an error where another node has another one.
+  /// @param node  its name. @param scene  its scene.
+  void publish(const std::string& node, const io::Scene& scene,
+               std::vector<diagnostic_msgs::DiagnosticStatus> statuses);
+  /// Which node has had another scene for longer than a reload of all takes, and the remedy; empty
+  /// if none has. To be called regularly.
+  std::string otherScene(const io::Scene& scene);
 
  private:
+  /// A node of the arm: its last diagnostics.
+  struct Peer {
+    std::string prefix, scene, sha256;
+    ros::SteadyTime heard, differs_since;  ///< zero: not
+  };
+
+  void onDiagnostics(const diagnostic_msgs::DiagnosticArrayConstPtr& message);
+
+  std::vector<Peer> peers_;
   ros::Publisher publisher_;
+  ros::Subscriber subscriber_;
 };
 
 /// The value of a key; empty without it.

@@ -138,6 +138,24 @@ std::filesystem::path callersFolder() {
   return shell.is_absolute() && isSameFolder(folder, shell) ? shell : folder;
 }
 
+LoopWatch::LoopWatch(ros::NodeHandle& node)
+    : subscriber_(listen(node, names::kVisualServoStatus, 10, &LoopWatch::onStatus, this)) {}
+
+void LoopWatch::requireFree() const {
+  constexpr double kFresh = 1.0;  // [s]
+  basics::require(
+      commanded_.isZero() || ros::SteadyTime::now() - commanded_ > ros::WallDuration(kFresh),
+      "visual_servo commands the arm, and all nodes take one scene; cancel its goal, or send it no "
+      "target, and reload visual_servo first");
+}
+
+void LoopWatch::onStatus(const LoopStatusConstPtr& status) {
+  // A hold has no time on a path.
+  const bool commands = status->has_wanted && (status->commander != names::kFollowTipPath ||
+                                               std::isfinite(status->path_time));
+  commanded_ = commands ? ros::SteadyTime::now() : ros::SteadyTime();
+}
+
 ReloadServer::ReloadServer(ros::NodeHandle private_node, std::string path, std::string scene_folder,
                            Adopt adopt)
     : first_path_(path),

@@ -9,7 +9,9 @@
 #include <vector>
 
 #include <ros/node_handle.h>
+#include <ros/time.h>
 
+#include "helix_arm/LoopStatus.h"
 #include "helix_arm/Reload.h"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/contraction.hpp"
@@ -97,6 +99,21 @@ struct SceneFolder {
 /// @throws std::invalid_argument if it is not absolute, or no regular .yaml file below the folders,
 /// to which links must lead. The message does not reveal whether a path elsewhere exists.
 std::string sceneBelow(const std::vector<SceneFolder>& folders, const std::string& given);
+
+/// Whether visual_servo commands the arm, so that pressure_command and vision keep the scene that
+/// it refuses to change. For the thread of the node's callback queue.
+class LoopWatch {
+ public:
+  explicit LoopWatch(ros::NodeHandle& node);
+  /// @throws std::invalid_argument while it follows a path or a target; its hold ends by a reload.
+  void requireFree() const;
+
+ private:
+  void onStatus(const LoopStatusConstPtr& status);
+
+  ros::SteadyTime commanded_;  ///< last; zero: not yet
+  ros::Subscriber subscriber_;
+};
 
 /// Serves a node's `~reload`: loads another file of the same rig, for example after a calibration.
 ///

@@ -190,8 +190,10 @@ class LoopDiagnostics {
   static std::string wrongStampText(double lead, estimation::ObservationFault fault) {
     return "the last picture is stamped " + fixed(std::abs(lead), 2) + " s " +
            (lead > 0 ? "after" : "before") + " the last reading of the pressures, and refused (" +
-           estimation::nameOf(fault) + "): synchronise the clocks of camera and arm" +
-           (lead > 0 ? "" : ", or shorten the delay of the pictures");
+           estimation::nameOf(fault) + "): " +
+           (lead > 0
+                ? "synchronise the clocks of camera and arm"
+                : control::whyLate(-lead) + std::string(", or shorten the delay of the pictures"));
   }
 
   std::uint64_t accepted_ = 0, refused_ = 0;
@@ -505,7 +507,7 @@ class LoopPublisher {
       out.message = loop_.drift().doubtful ? procedures::driftText(loop_.drift()) : kUnexplained;
     } else if (state == ExternalLoad::UNSEEN) {
       out.message =
-          "the arm is not seen, so what acts on it is not known; check the camera (vision_status)";
+          std::string("the arm is not seen, so what acts on it is not known; ") + kCheckVision;
     }
     load_publisher_.publish(out);
   }

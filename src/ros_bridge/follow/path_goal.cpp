@@ -136,13 +136,12 @@ std::optional<GoalEnding> GoalWatch::visionEnding(double time, const follow::Tur
     const ContactWords contact = contact_();
     return GoalEnding{Result::VISION_LOST,
                       contact.what + ", and no picture of it since then: the path cannot go on; " +
-                          "check the camera (vision_status), " + contact.remedy +
-                          ", and send the goal again"};
+                          kCheckVision + "; " + contact.remedy + ", and send the goal again"};
   }
   if (!rules_.require_vision || time - *blind_since_ < patience) return std::nullopt;
   return GoalEnding{Result::VISION_LOST,
                     std::string(was_seen_ ? "the arm is no longer seen" : "the arm is not seen") +
-                        "; check vision_status and ~close_loop, or set require_vision to false"};
+                        "; " + kCheckVision + ", and ~close_loop, or set require_vision to false"};
 }
 
 // Result when the path and its tolerance time are over.

@@ -29,6 +29,9 @@
 
 namespace helix_arm::ros_bridge {
 
+/// Remedy where the arm is not seen.
+inline constexpr char kCheckVision[] = "check that camera and node vision run (vision_status)";
+
 /// When a goal of follow_tip_path is reached, and when it has failed.
 struct GoalRules {
   /// Largest distance of the measured tip from the path; infinite: any [m].

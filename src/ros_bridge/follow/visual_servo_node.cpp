@@ -819,7 +819,7 @@ class VisualServoNode : public Node {
   }
 
   void onDiagnose(const ros::SteadyTimerEvent&) {
-    diagnostics_.publish(ros::this_node::getName(), scene_.name,
+    diagnostics_.publish(ros::this_node::getName(), scene_,
                          {pictures_.loop(loop_, reason(), suspects()), pictures_.correction(loop_),
                           targets_.admission().status()});
   }
@@ -851,6 +851,10 @@ class VisualServoNode : public Node {
     const double time = stamp.toSec();
     loop_.enable(link_.follows());
     if (link_.takeEnabling()) targets_.enabled();
+    if (const std::string other = diagnostics_.otherScene(scene_); !other.empty()) {
+      giveUp(other);
+      link_.rest();
+    }
     action_.prepare(time);
     aim();
     const follow::Turn& turn = loop_.reading(time, link_.setPoint().value_or(reading), reading);
@@ -930,7 +934,8 @@ class VisualServoNode : public Node {
     const bool unseen = state == LoopState::kCoasting || (state == LoopState::kOpen && closes_);
     if (loop_.turn().held && unseen) {
       return "contact with the arm, and no picture of it since then: path and correction are held "
-             "until the arm is seen to be free; check the camera (vision_status)";
+             "until the arm is seen to be free; " +
+             std::string(kCheckVision);
     }
     if (unseen && !pictures_.wrongStamp().empty()) return pictures_.wrongStamp();
     switch (state) {
@@ -939,13 +944,14 @@ class VisualServoNode : public Node {
         return isWanted() ? "waits for the arm: " + link_.whyNot() : "the loop has no target";
       case LoopState::kOpen:
         if (!closes_) return "kept open by ~close_loop";
-        return last_picture_ ? "the arm is not seen; check vision_status, and the refused "
-                               "pictures in the diagnostics"
-                             : "no message on measured was used yet; is vision running?";
+        return std::string(last_picture_ ? "the arm is not seen; "
+                                         : "no message on measured was used yet; ") +
+               kCheckVision + ", and the refused pictures in the diagnostics";
       case LoopState::kClosed:
         return closedReason();
       case LoopState::kCoasting:
-        return "the arm is not seen for the moment: the correction is held";
+        return std::string("the arm is not seen for the moment: the correction is held; ") +
+               kCheckVision;
       case LoopState::kYielding:
         return contactWords(*suspects_).what + ": path and correction are held; " +
                contactWords(*suspects_).remedy;

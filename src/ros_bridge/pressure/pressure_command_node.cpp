@@ -1067,6 +1067,7 @@ class PressureCommandNode : public Node {
     next = requirePneumatic(std::move(next));
     requireSameRig(scene_, next);
     requireSameRegulator(next);
+    watched_.requireFree();
     loop_->adopt(next.arm, next.safety.channels, next.safety.rules);
     scene_ = std::move(next);
     intake_.adopt();
@@ -1108,7 +1109,7 @@ class PressureCommandNode : public Node {
       statuses.push_back(channelStatus(scene_, path, i));
     }
     if (guard_ && control::isGone(guard_->state())) replaceGuard();
-    diagnostics_.publish(ros::this_node::getName(), scene_.name, std::move(statuses));
+    diagnostics_.publish(ros::this_node::getName(), scene_, std::move(statuses));
     const std::string units = intake_.unitWarning();
     if (!units.empty()) logWarning("%s", units.c_str());
   }
@@ -1142,6 +1143,7 @@ class PressureCommandNode : public Node {
 
   ros::NodeHandle node_;
   DiagnosticsPublisher diagnostics_{node_};
+  const LoopWatch watched_{node_};
   ShapePublisher shapes_;
   TargetIntake intake_;
   std::unique_ptr<ReloadServer> reload_;

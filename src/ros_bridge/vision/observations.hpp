@@ -193,8 +193,8 @@ class VisionStatusPublisher {
   }
 
   /// Publishes status and diagnostics; to be called once a second.
-  /// @param scene  name of the scene.
-  void report(const std::string& scene) HELIX_ARM_EXCLUDES(mutex_) {
+  /// @param scene  of the node.
+  void report(const io::Scene& scene) HELIX_ARM_EXCLUDES(mutex_) {
     const basics::MutexLock lock(mutex_);
     const ros::SteadyTime now = ros::SteadyTime::now();
     const double seconds = (now - std::exchange(last_report_, now)).toSec();

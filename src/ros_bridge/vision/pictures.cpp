@@ -61,6 +61,25 @@ PictureRefusal refuseInfo(const std::string& message) {
   return refuse(PictureFault::kBadCameraInfo, "camera_info " + message);
 }
 
+// Why the matrix K of a camera_info is that of no pinhole camera; empty if it is.
+std::string faultOfMatrix(const sensor_msgs::CameraInfo& info, const estimation::Camera& camera) {
+  const auto& K = info.K;
+  if (K[8] != 1.0) return "has K[8] = " + std::to_string(K[8]) + "; expected 1";
+  if (K[2] == 0 && K[5] == 0 && K[6] != 0) {
+    return "has K transposed; expected fx, 0, cx, 0, fy, cy, 0, 0, 1, row by row";
+  }
+  if (K[1] != 0 || K[3] != 0 || K[6] != 0 || K[7] != 0) {
+    return "has a skew or perspective part in K, K[1] = " + std::to_string(K[1]) +
+           "; expected fx, 0, cx, 0, fy, cy, 0, 0, 1: calibrate without skew";
+  }
+  if (!camera.isCentred()) {
+    return "has its principal point at (" + std::to_string(K[2]) + ", " + std::to_string(K[5]) +
+           ") px, far from the centre of " + sizeText(info.width, info.height) +
+           " pixels; expected a calibration at this size of picture";
+  }
+  return "";
+}
+
 }  // namespace
 
 const char* nameOf(PictureFault fault) { return kNames[static_cast<std::size_t>(fault)]; }
@@ -122,13 +141,14 @@ CheckedPicture<estimation::Camera> fromMsg(const sensor_msgs::CameraInfo& info) 
   }
   const std::size_t coefficients = info.D.size();
   const bool none = coefficients == 0 || std::all_of(info.D.begin(), info.D.end(), zero);
-  const bool plumb_bob = info.distortion_model == models::PLUMB_BOB && coefficients <= 5;
-  const bool rational = info.distortion_model == models::RATIONAL_POLYNOMIAL && coefficients <= 8;
+  const bool plumb_bob =
+      info.distortion_model == models::PLUMB_BOB && (coefficients == 4 || coefficients == 5);
+  const bool rational = info.distortion_model == models::RATIONAL_POLYNOMIAL && coefficients == 8;
   if (!none && !plumb_bob && !rational) {
     return refuseInfo("has the distortion model '" + quoted(info.distortion_model) + "' with " +
                       std::to_string(coefficients) +
-                      " coefficients; expected plumb_bob with up to 5 or rational_polynomial with "
-                      "up to 8");
+                      " coefficients; expected plumb_bob with 4 or 5, or rational_polynomial with "
+                      "8: in a file, cols of distortion_coefficients is their number");
   }
   if (info.binning_x > 1 || info.binning_y > 1 || info.roi.x_offset != 0 ||
       info.roi.y_offset != 0 || (info.roi.width != 0 && info.roi.width != info.width) ||
@@ -145,6 +165,8 @@ CheckedPicture<estimation::Camera> fromMsg(const sensor_msgs::CameraInfo& info) 
   } catch (const std::invalid_argument& error) {
     return refuseInfo(std::string("is not valid: ") + error.what());
   }
+  if (const std::string fault = faultOfMatrix(info, camera); !fault.empty())
+    return refuseInfo(fault);
   return camera;
 }
 

@@ -4,6 +4,7 @@
 #include <tf2_ros/static_transform_broadcaster.h>
 
 #include "helix_arm/control/commander_lease.hpp"
+#include "helix_arm/control/target_check.hpp"
 #include "helix_arm/io/shipped_files.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/procedures/loop_config.hpp"
@@ -109,6 +110,12 @@ class PictureSource {
                     " comes on camera_info; leave ~camera_info_url empty, or set ~source to webcam "
                     "or a file");
     using Self = PictureSource;
+    for (const char* topic : {names::kImage, names::kCompressedImage}) {
+      const std::string name = node.resolveName(topic);
+      if (options_.fromTopic(topic) && name.find("image_rect") != std::string::npos) {
+        rectified_ = name;
+      }
+    }
     if (options_.fromTopic(names::kImage)) {
       image_subscriber_ = listen(node, names::kImage, 1, &Self::onImage, this);
     }
@@ -122,7 +129,11 @@ class PictureSource {
       calibration_ = std::make_unique<camera_info_manager::CameraInfoManager>(
           node, "camera", options_.camera_info_url);
       basics::require(calibration_->isCalibrated(), "~camera_info_url is ",
-                      options_.camera_info_url, "; expected the URL of a calibration");
+                      options_.camera_info_url,
+                      "; expected the URL of a calibration as camera_calibration of ROS writes it "
+                      "(image_width, image_height, camera_name, camera_matrix {rows, cols, data}, "
+                      "distortion_model, distortion_coefficients); files of cv::FileStorage, which "
+                      "begin with %YAML:1.0, are not");
     }
   }
   /// Stops, and waits for the thread to end.
@@ -153,6 +164,10 @@ class PictureSource {
     const basics::MutexLock lock(mutex_);
     return camera_info_;
   }
+
+  /// The topic of rectified pictures by its name, as that of image_proc; empty if none is. From any
+  /// thread.
+  const std::string& rectifiedTopic() const { return rectified_; }
 
   /// Number of nodes that publish pictures on a topic. From any thread.
   std::uint32_t publishers() const {
@@ -231,6 +246,7 @@ class PictureSource {
 
   const VisionOptions options_;
   VisionStatusPublisher& status_;
+  std::string rectified_;
   PictureMailbox mailbox_;
 
   // Used by callbacks only.
@@ -379,7 +395,7 @@ class PictureMeasurer {
   /// Uses the camera that holds now, if it is of this size.
   std::optional<PictureRefusal> adoptCamera(const cv::Size& size) {
     estimation::ArmView view = current_.localizer->view();
-    const char* whose = kSceneCalibration;
+    std::string whose = kSceneCalibration;
     if (const auto info = source_.cameraInfo()) {
       if (const auto* refusal = std::get_if<PictureRefusal>(&*info)) return *refusal;
       view.camera = std::get<estimation::Camera>(*info);
@@ -404,6 +420,12 @@ class PictureMeasurer {
       }
       current_.localizer = std::make_unique<vision::ArmLocalizer>(
           view, procedures::localizerConfigOf(current_.scene));
+    }
+    if (const std::string& topic = source_.rectifiedTopic();
+        view.camera.distorts() && !topic.empty()) {
+      whose += ", of a lens that distorts, but the pictures of " + topic +
+               " are rectified: remap image to the camera's own";
+      if (calibration_ != whose) logWarning("calibration: %s", whose.c_str());
     }
     calibration_ = whose;
     return std::nullopt;
@@ -435,9 +457,10 @@ class PictureMeasurer {
     if (is_late && late_models_.add()) {
       logWarning(
           "models are stamped %.3f s %s the pictures (%lu times so far): is pressure_command "
-          "running, and are the clocks of the camera's and the arm's computers synchronised? "
-          "Without a shape that balances the load there is no model: see `%s` in its diagnostics",
-          std::abs(*lag), *lag < 0 ? "after" : "before", late_models_.total(), names::kModelStatus);
+          "running? If so, %s. Without a shape that balances the load there is no model: see `%s` "
+          "in its diagnostics",
+          std::abs(*lag), *lag < 0 ? "after" : "before", late_models_.total(),
+          control::whyLate(std::abs(*lag)), names::kModelStatus);
     }
     if (found) start_ = found->shape;
     // The tips that visual_servo compares have the same deviations from the mean twists.
@@ -591,13 +614,14 @@ class VisionNode : public Node {
   }
 
   void onWatch(const ros::SteadyTimerEvent&) { status_.watch(); }
-  void onSecond(const ros::SteadyTimerEvent&) { status_.report(scene_.name); }
+  void onSecond(const ros::SteadyTimerEvent&) { status_.report(scene_); }
 
   void adopt(io::Scene next) {
     VisionOptions asked = options_;
     asked.optional = false;
     next = requireVision(std::move(next), asked);
     requireSameRig(scene_, next);
+    watched_.requireFree();
     SceneLocalizer localizer(next);
     scene_ = std::move(next);
     sendCameraFrame();
@@ -695,6 +719,7 @@ class VisionNode : public Node {
   // Used by callbacks only.
   io::Scene scene_;  ///< the last one loaded
   ros::NodeHandle node_;
+  const LoopWatch watched_{node_};
   tf2_ros::StaticTransformBroadcaster static_tf_;
 
   // A picture passes from source_ through measurer_ to publish().

@@ -1,0 +1,373 @@
+#include <Eigen/QR>
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <utility>
+
+#include "basics/least_squares.hpp"
+#include "helix_arm/basics/median.hpp"
+#include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/calibration/series_fit.hpp"
+#include "series_problem.hpp"
+
+namespace helix_arm::estimation {
+namespace {
+
+// ---- Rows that are no positions of the tip ----
+
+constexpr double kNearOrigin = 0.05;     // of the farthest position: tips that come there by motion
+constexpr double kFrozenTime = 1.5;      // in which a position has not changed in any digit [s]
+constexpr double kFrozenRange = 0.2;     // of the range of pressures, which changed meanwhile
+constexpr double kFar = 5.0;             // times the 95 % point of the distances from the median
+constexpr double kJump = 10.0;           // times the 95 % point of the distances from neighbours
+constexpr Eigen::Index kNeighbours = 2;  // rows to either side
+
+std::vector<Eigen::Index> seenRows(const TipSeries& series) {
+  std::vector<Eigen::Index> out;
+  for (Eigen::Index row = 0; row < series.position.rows(); ++row) {
+    if (series.position.row(row).allFinite()) out.push_back(row);
+  }
+  return out;
+}
+
+double percentile95(std::vector<double> values) {
+  const auto at = values.begin() + static_cast<std::ptrdiff_t>(values.size() * 95 / 100);
+  std::nth_element(values.begin(), at, values.end());
+  return *at;
+}
+
+Eigen::RowVectorXd medianOfRows(const Eigen::MatrixXd& position,
+                                const std::vector<Eigen::Index>& rows) {
+  Eigen::RowVectorXd out(position.cols());
+  for (Eigen::Index axis = 0; axis < position.cols(); ++axis) {
+    std::vector<double> values;
+    for (const Eigen::Index row : rows) values.push_back(position(row, axis));
+    out[axis] = basics::medianOf(std::move(values));
+  }
+  return out;
+}
+
+std::vector<Eigen::Index> zeroRows(const Eigen::MatrixXd& position,
+                                   const std::vector<Eigen::Index>& seen) {
+  std::vector<Eigen::Index> zero;
+  double least = std::numeric_limits<double>::infinity(), most = 0;
+  for (const Eigen::Index row : seen) {
+    const double distance = position.row(row).norm();
+    if (distance == 0) zero.push_back(row);
+    if (distance > 0) least = std::min(least, distance);
+    most = std::max(most, distance);
+  }
+  if (!(least > kNearOrigin * most)) zero.clear();  // the tip passes the origin
+  return zero;
+}
+
+// All but the first of positions that stay the same to the last digit while the pressures change.
+std::vector<Eigen::Index> frozenRows(const TipSeries& series,
+                                     const std::vector<Eigen::Index>& seen) {
+  std::vector<Eigen::Index> out;
+  const model::InputHistory& history = series.history;
+  if (history.time.empty() || history.input.cols() == 0) return out;
+  const Eigen::RowVectorXd least = history.input.colwise().minCoeff();
+  const double range = (history.input.colwise().maxCoeff() - least).maxCoeff();
+  for (std::size_t begin = 0, end; begin < seen.size(); begin = end) {
+    for (end = begin + 1; end < seen.size(); ++end) {
+      const Eigen::Index row = seen[end];
+      if (history.starts_anew[static_cast<std::size_t>(row)] ||
+          series.position.row(row) != series.position.row(seen[begin])) {
+        break;
+      }
+    }
+    const Eigen::Index first = seen[begin], last = seen[end - 1];
+    const double time = history.time[static_cast<std::size_t>(last)] -
+                        history.time[static_cast<std::size_t>(first)];
+    if (time < kFrozenTime) continue;
+    const auto pressures = history.input.middleRows(first, last - first + 1);
+    const double change =
+        (pressures.colwise().maxCoeff() - pressures.colwise().minCoeff()).maxCoeff();
+    if (change >= kFrozenRange * range) {
+      out.insert(out.end(), seen.begin() + static_cast<std::ptrdiff_t>(begin) + 1,
+                 seen.begin() + static_cast<std::ptrdiff_t>(end));
+    }
+  }
+  return out;
+}
+
+// Rows far away from all others, or from the rows about them.
+std::vector<Eigen::Index> farRows(const Eigen::MatrixXd& position,
+                                  const std::vector<Eigen::Index>& seen) {
+  const Eigen::RowVectorXd middle = medianOfRows(position, seen);
+  std::vector<double> away, off;
+  for (std::size_t k = 0; k < seen.size(); ++k) {
+    const auto at = static_cast<Eigen::Index>(k), count = static_cast<Eigen::Index>(seen.size());
+    const Eigen::Index from = std::max<Eigen::Index>(0, at - kNeighbours);
+    const Eigen::Index to = std::min(count, at + kNeighbours + 1);
+    const std::vector<Eigen::Index> near(seen.begin() + from, seen.begin() + to);
+    away.push_back((position.row(seen[k]) - middle).norm());
+    off.push_back((position.row(seen[k]) - medianOfRows(position, near)).norm());
+  }
+  const double most_away = kFar * percentile95(away), most_off = kJump * percentile95(off);
+  std::vector<Eigen::Index> out;
+  for (std::size_t k = 0; k < seen.size(); ++k) {
+    if (away[k] > most_away || (most_off > 0 && off[k] > most_off)) out.push_back(seen[k]);
+  }
+  return out;
+}
+
+// ---- A cubic of the pressures ----
+
+constexpr Eigen::Index kCubicRows = 1500;  // that are compared
+constexpr Eigen::Index kRowsPerTerm = 4;
+constexpr double kLags[] = {0.0, 0.1, 0.3, 1.0, 3.0};  // [s]
+
+// Pressures through a first-order lag, in parts of their ranges.
+Eigen::MatrixXd lagged(const model::InputHistory& history, double lag) {
+  const Eigen::RowVectorXd least = history.input.colwise().minCoeff();
+  const Eigen::RowVectorXd range =
+      (history.input.colwise().maxCoeff() - least).cwiseMax(std::numeric_limits<double>::min());
+  Eigen::MatrixXd out = (history.input.rowwise() - least).array().rowwise() / range.array();
+  for (Eigen::Index row = 1; lag > 0 && row < out.rows(); ++row) {
+    const auto k = static_cast<std::size_t>(row);
+    if (history.starts_anew[k]) continue;
+    const double share = -std::expm1(-(history.time[k] - history.time[k - 1]) / lag);
+    out.row(row) = out.row(row - 1) + share * (out.row(row) - out.row(row - 1));
+  }
+  return out;
+}
+
+// All products of at most three pressures; of each pressure alone where there are too few rows.
+Eigen::MatrixXd termsOf(const Eigen::MatrixXd& p, bool mixed) {
+  std::vector<Eigen::VectorXd> terms{Eigen::VectorXd::Ones(p.rows())};
+  for (Eigen::Index i = 0; i < p.cols(); ++i) {
+    terms.emplace_back(p.col(i));
+    for (Eigen::Index j = mixed ? 0 : i; j <= i; ++j) {
+      terms.emplace_back(p.col(i).cwiseProduct(p.col(j)));
+      for (Eigen::Index k = mixed ? 0 : j; k <= j; ++k) {
+        terms.emplace_back(p.col(i).cwiseProduct(p.col(j)).cwiseProduct(p.col(k)));
+      }
+    }
+  }
+  Eigen::MatrixXd out(p.rows(), static_cast<Eigen::Index>(terms.size()));
+  for (std::size_t k = 0; k < terms.size(); ++k) out.col(static_cast<Eigen::Index>(k)) = terms[k];
+  return out;
+}
+
+// ---- Suspects ----
+
+constexpr double kLeastShare = 0.3;    // of what is beyond the cubic, that a suspect explains
+constexpr double kPriceOfSize = 0.03;  // of a suspect with a size that is fitted
+constexpr std::size_t kMostNamed = 5;
+constexpr Eigen::Index kFewRows = 400;
+constexpr int kMostChannels = 4;  // of arms whose gains and offsets are tried
+constexpr basics::DescentRules kRough{1e-2, 10.0, 1e6, 1e-3, 0.0, 12};
+
+// RMS error of a short fit, with orientations as lengths [m].
+double roughError(const SeriesPrior& prior, const TipSeries& series, const SeriesOptions& options) {
+  const double lever = options.arm.rotation_noise > 0
+                           ? options.arm.position_noise / options.arm.rotation_noise
+                           : 0.5 * prior.model.arm().restLength();
+  const SeriesRecording recording(prior.model.arm(), series, kFewRows, lever);
+  SeriesForm form;
+  form.lag = options.response;
+  SeriesProblem problem(prior, recording, options, form, prior.X_BF.inverse());
+  const Eigen::VectorXd start = Eigen::VectorXd::Zero(problem.size());
+  const SeriesEstimate found = basics::descend(problem, problem.at(start), kRough).at;
+  const Eigen::MatrixXd deviation = problem.deviationAt(found.z);
+  return std::sqrt(deviation.squaredNorm() / static_cast<double>(deviation.rows()));
+}
+
+// One mistake of a recording.
+struct Mistake {
+  std::string cause, where, remedy;
+  std::function<void(TipSeries&)> correct;
+  double price = 0.0;
+};
+
+void addExchanges(const model::Arm& arm, std::vector<Mistake>& out) {
+  const auto add = [&out](std::vector<Eigen::Index> from, const std::string& where) {
+    out.push_back({"channels_exchanged", where,
+                   "exchange the columns of the pressures, or the hoses at the regulator",
+                   [from = std::move(from)](TipSeries& series) {
+                     series.history.input = series.history.input(Eigen::all, from).eval();
+                   }});
+  };
+  std::vector<Eigen::Index> same(static_cast<std::size_t>(arm.actuatorCount()));
+  for (std::size_t i = 0; i < same.size(); ++i) same[i] = static_cast<Eigen::Index>(i);
+  for (int i = 0; i < arm.actuatorCount(); ++i) {
+    for (int j = i + 1; j < arm.actuatorCount(); ++j) {
+      std::vector<Eigen::Index> from = same;
+      std::swap(from[static_cast<std::size_t>(i)], from[static_cast<std::size_t>(j)]);
+      add(std::move(from), arm.actuator(i).name + " and " + arm.actuator(j).name);
+    }
+  }
+  for (int k = 0; k + 1 < arm.sectionCount(); ++k) {
+    const int first = arm.firstActuator(k), next = arm.firstActuator(k + 1);
+    if (arm.firstActuator(k + 2) - next != next - first) continue;
+    std::vector<Eigen::Index> from = same;
+    for (int i = first; i < next; ++i) {
+      std::swap(from[static_cast<std::size_t>(i)],
+                from[static_cast<std::size_t>(i + next - first)]);
+    }
+    add(std::move(from), basics::messageOf("sections ", k + 1, " and ", k + 2));
+  }
+}
+
+void addUnits(std::vector<Mistake>& out) {
+  const struct {
+    const char* where;
+    double factor;
+  } units[] = {{"psi under a header of kPa", 6.894757},
+               {"kPa under a header of psi", 1 / 6.894757},
+               {"bar under a header of kPa", 100},
+               {"mbar under a header of kPa", 0.1},
+               {"Pa under a header of kPa", 1e-3}};
+  for (const auto& [where, factor] : units) {
+    out.push_back({"pressure_unit", where, "convert the pressures to kPa",
+                   [factor = factor](TipSeries& series) { series.history.input *= factor; }});
+  }
+}
+
+void addGains(const model::Arm& arm, std::vector<Mistake>& out) {
+  if (arm.actuatorCount() > kMostChannels) return;
+  for (int i = 0; i < arm.actuatorCount(); ++i) {
+    const std::string& name = arm.actuator(i).name;
+    for (const double gain : {0.0, 0.5, 0.7, 1.4, 2.0}) {
+      const bool dead = gain == 0;
+      out.push_back(
+          {dead ? "channel_dead" : "pressure_gain", name,
+           dead ? "the muscle does not move with its pressure: look for a closed valve or "
+                  "a loose hose"
+                : basics::messageOf("the pressure in the muscle is about ", 100 * gain,
+                                    " % of what is read: look for a leak, and check the "
+                                    "scale of the sensor"),
+           [i, gain](TipSeries& series) { series.history.input.col(i) *= gain; }, kPriceOfSize});
+    }
+    const double range = arm.actuator(i).limits.upper;
+    for (const double part : {-0.3, -0.15, 0.15, 0.3}) {
+      const double offset = part * range;
+      out.push_back(
+          {"pressure_offset", name,
+           basics::messageOf("the pressure in the muscle is about ",
+                             std::round(std::abs(offset) / 1e3), " kPa ",
+                             offset > 0 ? "above" : "below",
+                             " what is read: zero the sensor with the muscle vented"),
+           [i, offset](TipSeries& series) { series.history.input.col(i).array() += offset; },
+           kPriceOfSize});
+    }
+  }
+}
+
+void addFrames(const TipSeries& series, std::vector<Mistake>& out) {
+  out.push_back({"tip_mirrored", "the frame of the positions",
+                 "the frame is left-handed, or the muscles lie on the other side: turn the sign of "
+                 "one axis in the recording",
+                 [](TipSeries& one) {
+                   one.position.col(1) *= -1;
+                   const Eigen::Matrix3d M = Eigen::Vector3d(1, -1, 1).asDiagonal();
+                   for (Eigen::Matrix3d& R : one.rotation) R = M * R * M;
+                 }});
+  if (!series.rotation.empty()) {
+    out.push_back({"quaternion_order", "qx, qy, qz, qw",
+                   "the recording has w first: exchange the names of its columns",
+                   [](TipSeries& one) {
+                     for (Eigen::Matrix3d& R : one.rotation) {
+                       const Eigen::Quaterniond q(R);
+                       R = Eigen::Quaterniond(q.x(), q.y(), q.z(), q.w()).toRotationMatrix();
+                     }
+                   }});
+  }
+  if (!series.history.time.empty()) {
+    out.push_back({"time_unit", "time_s", "the times are in milliseconds: convert them to seconds",
+                   [](TipSeries& one) {
+                     for (double& time : one.history.time) time *= 1e-3;
+                   }});
+  }
+}
+
+}  // namespace
+
+SeriesFaults faultyRows(const TipSeries& series) {
+  SeriesFaults out;
+  std::vector<Eigen::Index> seen = seenRows(series);
+  const auto leave = [&seen](const std::vector<Eigen::Index>& rows) {
+    const auto is_left = [&rows](Eigen::Index row) {
+      return std::binary_search(rows.begin(), rows.end(), row);
+    };
+    seen.erase(std::remove_if(seen.begin(), seen.end(), is_left), seen.end());
+  };
+  out.zero = zeroRows(series.position, seen);
+  leave(out.zero);
+  out.frozen = frozenRows(series, seen);
+  leave(out.frozen);
+  if (!seen.empty()) out.far = farRows(series.position, seen);
+  return out;
+}
+
+double cubicError(const TipSeries& series) {
+  const std::vector<Eigen::Index> seen = seenRows(series);
+  const auto count = static_cast<Eigen::Index>(seen.size());
+  if (count == 0 || series.history.input.cols() == 0) return std::nan("");
+  const Eigen::Index stride = std::max<Eigen::Index>(1, count / kCubicRows);
+  std::vector<Eigen::Index> rows;
+  for (Eigen::Index k = 0; k < count; k += stride)
+    rows.push_back(seen[static_cast<std::size_t>(k)]);
+  const Eigen::MatrixXd measured = series.position(rows, Eigen::all);
+  const bool timed = !series.history.time.empty();
+  double least = std::numeric_limits<double>::infinity();
+  for (const double lag : kLags) {
+    if (lag > 0 && !timed) break;
+    const Eigen::MatrixXd pressures = lagged(series.history, lag)(rows, Eigen::all);
+    Eigen::MatrixXd terms = termsOf(pressures, true);
+    if (kRowsPerTerm * terms.cols() > terms.rows()) terms = termsOf(pressures, false);
+    const Eigen::ColPivHouseholderQR<Eigen::MatrixXd> factors(terms);
+    const double square = (terms * factors.solve(measured) - measured).squaredNorm();
+    const auto freedom =
+        static_cast<double>(std::max<Eigen::Index>(1, measured.rows() - factors.rank()));
+    least = std::min(least, std::sqrt(square / freedom));
+  }
+  return least;
+}
+
+std::vector<SeriesSuspect> suspectsOf(const SeriesPrior& prior, const TipSeries& series,
+                                      const SeriesOptions& options) {
+  const double noise = cubicError(series), before = roughError(prior, series, options);
+  const double excess = before * before - noise * noise;
+  if (!(excess > 0)) return {};
+  std::vector<Mistake> mistakes;
+  addExchanges(prior.model.arm(), mistakes);
+  addUnits(mistakes);
+  addGains(prior.model.arm(), mistakes);
+  addFrames(series, mistakes);
+  std::vector<SeriesSuspect> out;
+  std::vector<double> order;
+  const auto consider = [&](const Mistake& one, TipSeries corrected, double error) {
+    const double explains = std::clamp((before * before - error * error) / excess, 0.0, 1.0);
+    if (!(explains - one.price >= kLeastShare)) return;
+    const auto at = std::upper_bound(order.begin(), order.end(), -(explains - one.price));
+    out.insert(out.begin() + (at - order.begin()),
+               {{one.cause, one.where, explains, one.remedy, {}, {}}, std::move(corrected)});
+    order.insert(at, -(explains - one.price));
+  };
+  for (const Mistake& one : mistakes) {
+    TipSeries corrected = series;
+    one.correct(corrected);
+    const double error = roughError(prior, corrected, options);
+    consider(one, std::move(corrected), error);
+  }
+  if (!options.arm.base) {
+    SeriesOptions free = options;
+    free.arm.base = true;
+    const SeriesFit found = fitSeries(prior, series, free);
+    if (found.failure.empty()) {
+      consider({"frame_of_positions",
+                "all positions",
+                "the positions are seen from another frame than the scene's: fit base as well",
+                {}},
+               {}, found.rms);
+    }
+  }
+  if (out.size() > kMostNamed) out.resize(kMostNamed);
+  return out;
+}
+
+}  // namespace helix_arm::estimation
