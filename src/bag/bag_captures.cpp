@@ -30,7 +30,7 @@ constexpr std::uint64_t kMostBagBytes = 16ULL << 30U;
 // too.
 enum Topic { kDetections, kTagPoses, kMeasured, kCommand, kTopicCount };
 const char* const kTags[] = {"helix_arm/TagDetections", "c1e7488b8f93702d089fe2e6bc94cf25"};
-// Of another detector: poses of tags seen from the camera.
+// Poses of tags seen from the camera, which another detector tells.
 const char* const kPoses[] = {"apriltag_ros/AprilTagDetectionArray",
                               "2b6c03434883a5c9897c13b5594dbd91"};
 const char* const kPressures[] = {"helix_arm/PressureArray", "16e7dc420c1fb29f7ee29e1f1b50f307"};

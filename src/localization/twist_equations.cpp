@@ -174,7 +174,7 @@ double TwistEquations::addPriors(const FitPoint& point, bool bleeds,
     gradient[entry] += precision * residual;
   }
   if (options_.free_base) {
-    // What is known is of log X_B0B; a step multiplies X_B0B from the right.
+    // The prior is of log X_B0B; a step multiplies X_B0B from the right.
     const RigEstimate::Matrix& information = bleeds ? both_information_ : base_information_;
     RigEstimate::Vector residual = -rig_.mean;
     residual.head<kBaseParameters>() += point.base_offset;

@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <ctime>
+#include <functional>
 #include <optional>
 #include <set>
 #include <utility>
@@ -13,6 +14,7 @@
 
 #include "curve_in_arm.hpp"
 #include "helix_arm/basics/median.hpp"
+#include "helix_arm/basics/pi.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/calibration/calibration.hpp"
@@ -546,24 +548,35 @@ class CalibrationJob {
     if (request_.errors && !fitsCurve()) {
       outcome_.suspects = estimation::suspectsOf(outcome_.arms, options);
     }
-    const int asked = request_.apply_suspect;
+    return applySuspect("captures give", "captures", [this](std::size_t chosen) {
+      const auto& corrected = outcome_.suspects[chosen].corrected;
+      if (corrected.empty()) return false;
+      outcome_.arms = corrected;
+      captures_ = outcome_.arms.front().captures;
+      return true;
+    });
+  }
+
+  // Warns of the suspects, or corrects the one that is asked for.
+  // @param correct  of the chosen one: false if it is not one of the data.
+  Refusal applySuspect(const char* who_gives, const char* data,
+                       const std::function<bool(std::size_t)>& correct) {
+    const int asked = request_.apply_suspect, count = static_cast<int>(outcome_.suspects.size());
     if (asked == 0) {
       warn(textsOf(outcome_.suspects));
       return std::nullopt;
     }
-    const int count = static_cast<int>(outcome_.suspects.size());
     if (asked < 1 || asked > count) {
-      return basics::messageOf("suspect ", asked, " is not among the ", count,
-                               " that the captures give; leave it out to see them");
+      return basics::messageOf("suspect ", asked, " is not among the ", count, " that the ",
+                               who_gives, "; leave it out to see them");
     }
-    const estimation::Suspect& chosen = outcome_.suspects[static_cast<std::size_t>(asked - 1)];
-    if (chosen.corrected.empty()) {
-      return basics::messageOf("suspect ", asked, ", ", chosen.cause,
-                               ", is not of the captures: ", chosen.remedy);
+    const auto chosen = static_cast<std::size_t>(asked - 1);
+    const estimation::Suspect suspect = outcome_.suspects[chosen];
+    if (!correct(chosen)) {
+      return basics::messageOf("suspect ", asked, ", ", suspect.cause, ", is not of the ", data,
+                               ": ", suspect.remedy);
     }
-    outcome_.arms = chosen.corrected;
-    captures_ = outcome_.arms.front().captures;
-    warn({basics::messageOf("calibrated as if without ", chosen.cause, " (", chosen.where, ")")});
+    warn({basics::messageOf("calibrated as if without ", suspect.cause, " (", suspect.where, ")")});
     return std::nullopt;
   }
 
@@ -710,31 +723,18 @@ class CalibrationJob {
     std::vector<estimation::SeriesSuspect> found;
     if (request_.errors && !sound) found = estimation::suspectsOf(prior, tips, options);
     for (const estimation::SeriesSuspect& one : found) outcome_.suspects.push_back(one.suspect);
-    const int asked = request_.apply_suspect, count = static_cast<int>(found.size());
-    if (asked == 0) {
-      warn(textsOf(outcome_.suspects));
-      return std::nullopt;
-    }
-    if (asked < 1 || asked > count) {
-      return basics::messageOf("suspect ", asked, " is not among the ", count,
-                               " that the series gives; leave it out to see them");
-    }
-    estimation::SeriesSuspect& chosen = found[static_cast<std::size_t>(asked - 1)];
-    if (chosen.corrected.position.rows() == 0) {
-      return basics::messageOf("suspect ", asked, ", ", chosen.suspect.cause,
-                               ", is not of the recording: ", chosen.suspect.remedy);
-    }
-    tips = std::move(chosen.corrected);
-    fit = estimation::fitSeries(prior, tips, options);
-    warn({basics::messageOf("calibrated as if without ", chosen.suspect.cause, " (",
-                            chosen.suspect.where, ")")});
-    return std::nullopt;
+    return applySuspect("series gives", "recording", [&](std::size_t chosen) {
+      if (found[chosen].corrected.position.rows() == 0) return false;
+      tips = std::move(found[chosen].corrected);
+      fit = estimation::fitSeries(prior, tips, options);
+      return true;
+    });
   }
 
   // Why the fitted arm is not that of the series.
   Refusal refuseFarSeries() const {
     const estimation::SeriesFit& fit = *outcome_.series;
-    // What a cubic of the pressures leaves, and what the geometry of a sound arm may be off by.
+    // A cubic of the pressures leaves its error, and the geometry of a sound arm may be off.
     constexpr double kUsual = 0.02;  // of the arm's length
     const double usual = std::hypot(fit.baseline_rms, kUsual * scene_->arm.restLength());
     if (request_.apply_suspect == 0 && estimation::isCertain(outcome_.suspects, fit.rms / usual)) {
@@ -752,7 +752,7 @@ class CalibrationJob {
     }
     if (fit.rms_turn > kMostTurn) {
       return refusedFor(basics::messageOf(
-          "the orientations are ", std::round(fit.rms_turn * 180 / M_PI),
+          "the orientations are ", std::round(fit.rms_turn * 180 / basics::kPi),
           " deg (RMS) off the fitted "
           "arm; expected those of the tip's frame, x along the arm, or positions alone"));
     }

@@ -39,7 +39,7 @@ Eigen::MatrixXd advance(procedures::SeenRig& self, const Scene& scene,
   return out;
 }
 
-// What the scene's camera sees of the model at held pressures [Pa]: (height x width) gray.
+// Picture of the model at held pressures [Pa] by the scene's camera: (height x width) gray.
 py::array_t<std::uint8_t> pictureOf(const Scene& scene, const Eigen::VectorXd& pressure) {
   const auto setup = scene.scene().cameraSetup();
   simulation::SimulatedCamera camera(setup->view, setup->family, setup->body, setup->config);

@@ -184,12 +184,13 @@ class AsciiSerialDriver : public Driver {
     }
   }
 
-  // The echo of a set point has the device's unit, whichever that is. A device with another one is
-  // vented, since 0 is no more than the atmosphere in every unit, and gets no other set point.
+  // The echo of a set point has the device's unit, whichever that is. A device with another one, or
+  // that does not answer, is vented, since 0 is no more than the atmosphere in every unit, and gets
+  // no other set point.
   void askUnits() {
     try {
       for (Channel& channel : channels_) exchange(*lines_.unit_query, lines_.unit_reply, channel);
-    } catch (const BadReply& error) {
+    } catch (const std::exception& error) {
       const std::string why = error.what();
       try {
         vent();

@@ -107,7 +107,7 @@ class SerialEmulation : public Emulation {
     silence_ = 0;
   }
 
-  // Of the device's numbers, in both directions [Pa].
+  // Unit of the device's numbers, in both directions [Pa].
   double unit() const {
     if (fault_ != DeviceFault::kWrongUnit) return profile_.pascals;
     return profile_.pascals == kPsi ? 1e3 : kPsi;

@@ -180,7 +180,7 @@ TEST(Tags, OfEveryShippedSceneAreReadBackFromThePrintInTheirSize) {
 TEST(Tags, OfEveryFamilyAreReadBackFromThePrint) {
   int number = 0;
   for (const std::string& family : vision::TagFamily::names()) {
-    if (number++ % 3 != 0 && !test::isFullSize()) continue;
+    if (!test::isDrawn(number++, 3)) continue;
     const Printed printed({scenePath("demo"), "--set", "tags.family=" + family, "--set",
                            "vision.max_hamming=0", "--set", "tags.size_m=0.02"});
     EXPECT_EQ(idsRead(printed, family, 20), idsOf(io::loadScene(scenePath("demo")))) << family;

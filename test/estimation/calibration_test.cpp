@@ -168,7 +168,7 @@ TEST(Calibration, WrongTagsAreNamedAndDoNotMoveTheAnswer) {
   EXPECT_TRUE(warns(found, "do not fit the others: 9"));
 }
 
-// Of tags along six muscles, a camera sees three strips.
+// A camera sees three of the strips of tags along six muscles.
 TEST(Suspects, NameTheStripAlongAMuscleThatIsTurnedAndATagThatIsTurnedAlone) {
   const model::Arm known = test::ringArm(test::helicalRing());
   const ArmView view = test::sampleView(0.8, 1, 24, 6);

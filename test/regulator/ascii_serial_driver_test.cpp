@@ -297,6 +297,9 @@ TEST(AsciiSerialDriver, ADeviceWithAnotherUnitIsRefusedBeforeItsFirstSetPoint) {
   trusts->connect();
   trusts->write(regulate(Eigen::Vector3d::Constant(6894.757293168)));
   EXPECT_TRUE(device.setPoint().isConstant(1e3));
+  trusts->close();
+  EXPECT_EQ(failureOf([&] { asks->connect(); }).text, refused.text);
+  EXPECT_TRUE(device.setPoint().isZero()) << "it is vented";
 }
 
 // Either side may be the one without.

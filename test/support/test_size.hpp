@@ -28,6 +28,9 @@ inline constexpr char kFullSizeOnly[] =
 
 inline int draws(int by_default, int full) { return isFullSize() ? full : by_default; }
 
+/// Whether a case is run: each in full size, by default the first of every `stride`.
+inline bool isDrawn(int number, int stride) { return isFullSize() || number % stride == 0; }
+
 // Probability with which a bound of this file refuses a sound program. Draws are seeded: it does so
 // when it is changed, not now and then.
 inline constexpr double kFalseAlarm = 0.01;

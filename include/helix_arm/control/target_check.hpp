@@ -31,7 +31,7 @@ enum class Fault {
 };
 inline constexpr int kFaultCount = 13;
 
-/// What to look at where stamps are so far behind the clock that they are compared with [s].
+/// Remedy for stamps that are `age` behind the clock they are compared with [s].
 const char* whyLate(double age);
 
 /// Name of a fault in diagnostics: `not_finite`, `wrong_size`, ...

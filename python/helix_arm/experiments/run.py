@@ -16,8 +16,8 @@ import helix_arm
 from helix_arm import _core
 from helix_arm.experiments import bode, creep, hysteresis, loads, repeatability, sheet, step, workspace
 from helix_arm.experiments.figures import Figure
-from helix_arm.experiments.protocol import Analysis, Course, Experiment, Options, Recordings, Trial
-from helix_arm.experiments.rig import Rig, SimulatedRig, columns, lines_of, read_series
+from helix_arm.experiments.protocol import Analysis, Experiment, Options, Recordings, Trial
+from helix_arm.experiments.rig import Rig, columns, lines_of, read_series
 from helix_arm.scene import Scene
 
 ALL = "all"
@@ -138,7 +138,8 @@ def _picture_of(scene: Scene) -> Optional[np.ndarray]:
     """(height, width) of the scene's camera: the arm, bent by one actuator; None without a camera or tags."""
     if scene._picture_shape is None:
         return None
-    return _core.picture(scene, Course(SimulatedRig(scene)).drive(0, 0.6))
+    shares = np.where(np.arange(len(scene.actuators)) == 0, 0.6, 0.1)
+    return _core.picture(scene, scene.limits_pa[:, 0] + shares * np.ptp(scene.limits_pa, axis=1))
 
 
 def write(name: str, sections: Sequence[Tuple[str, Analysis]], scene: Optional[Scene], conditions: str, out: Path,

@@ -328,7 +328,8 @@ class TableReader {
   }
 
  private:
-  // Of a column: its cells must be numbers, are kept if they are all numbers, or are not looked at.
+  // Cells of a column: they must be numbers, are kept if they are all numbers, or are not looked
+  // at.
   enum class Use { kNumbers, kIfNumbers, kNone };
 
   template <class... Parts>
@@ -601,7 +602,7 @@ Eigen::MatrixXd pressuresOf(const DataSet& data, int actuators) {
 
 namespace {
 
-// Of a time that cannot be in seconds, since it would be beyond the year 5000; else null.
+// Unit of a time that cannot be in seconds, since it would be beyond the year 5000; else null.
 const char* unitOfTime(double time) {
   const double size = std::abs(time);
   return size < 1e11   ? nullptr
