@@ -15,10 +15,14 @@
 #include "helix_arm/control/commander_lease.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/io/scene.hpp"
+#include "helix_arm/model/arm_response.hpp"
 #include "helix_arm/statics/inverse.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
 
 namespace helix_arm::ros_bridge {
+
+/// When a target counts as reached: at rest. While the arm creeps, its pressures do not change.
+inline constexpr model::AfterMove kTargetAt = model::AfterMove::kAtRest;
 
 /// Who sent which target.
 struct TargetSender {

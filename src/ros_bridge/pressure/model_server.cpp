@@ -1,0 +1,149 @@
+#include "model_server.hpp"
+
+#include <cmath>
+#include <limits>
+#include <utility>
+#include <vector>
+
+#include "helix_arm/basics/quote.hpp"
+#include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/control/target_check.hpp"
+#include "helix_arm/lie/so3.hpp"
+#include "helix_arm/statics/inverse.hpp"
+#include "ros_bridge/common/conversions.hpp"
+#include "ros_bridge/common/guarded_callbacks.hpp"
+#include "ros_bridge/names.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+using Table = ModelServer::Table;
+
+Table tableOf(const std::vector<double>& numbers, const char* name, int columns, int most) {
+  const auto count = static_cast<Eigen::Index>(numbers.size());
+  basics::require(count % columns == 0, name, " has ", count, " numbers; expected rows of ",
+                  columns);
+  basics::require(count / columns <= most, name, " has ", count / columns,
+                  " rows; expected at most ", most, ": call again with the rest");
+  return {numbers.data(), count / columns, columns};
+}
+
+void requireFinite(const std::vector<double>& table, const char* name) {
+  for (std::size_t i = 0; i < table.size(); ++i) {
+    basics::require(std::isfinite(table[i]), name, "[", i, "] is ", table[i],
+                    "; expected finite numbers");
+  }
+}
+
+template <class Numbers>
+void appendNumbers(const Numbers& numbers, bool found, std::vector<double>& to) {
+  for (Eigen::Index i = 0; i < numbers.size(); ++i) {
+    to.push_back(found ? numbers.data()[i] : std::numeric_limits<double>::quiet_NaN());
+  }
+}
+
+// Runs the body, whose exceptions are the answer.
+template <class Response, class Body>
+bool answer(Response& response, const Body& body) {
+  try {
+    body();
+    response.success = true;
+  } catch (const std::exception& fault) {
+    response = Response();
+    response.message = basics::printableLines(fault.what());
+  }
+  return true;
+}
+
+}  // namespace
+
+ModelServer::ModelServer(const ros::NodeHandle& private_node, const statics::ArmModel& model)
+    : model_(std::make_shared<statics::ArmModel>(model)),
+      node_(private_node),
+      spinner_(1, &queue_) {
+  node_.setCallbackQueue(&queue_);
+  forward_ = serve(node_, names::kForward, &ModelServer::onForward, this);
+  inverse_ = serve(node_, names::kInverse, &ModelServer::onInverse, this);
+  spinner_.start();
+}
+
+ModelServer::~ModelServer() {
+  ends_ = true;
+  forward_.shutdown();
+  inverse_.shutdown();
+  spinner_.stop();
+}
+
+void ModelServer::adopt(const statics::ArmModel& model) {
+  auto next = std::make_shared<const statics::ArmModel>(model);
+  const basics::MutexLock lock(mutex_);
+  model_ = std::move(next);
+}
+
+bool ModelServer::onForward(Forward::Request& request, Forward::Response& response) {
+  return answer(response, [&] {
+    const auto model = this->model();
+    const Table pressure =
+        tableOf(request.pressure, "pressure", model->arm().actuatorCount(), kMostForwardRows);
+    watchUnit("a call to ~forward", model->arm(), pressure);
+    response.rows = static_cast<std::uint32_t>(pressure.rows());
+    response.sections = static_cast<std::uint32_t>(model->arm().sectionCount());
+    for (Eigen::Index row = 0; row < pressure.rows(); ++row) {
+      goOn();
+      // Pressures outside the limits throw, naming the actuator.
+      const statics::Solution found = model->solve(Eigen::VectorXd(pressure.row(row)));
+      const bool converged = found.converged();
+      response.converged.push_back(converged);
+      appendNumbers(found.tip.translation, converged, response.position);
+      appendNumbers(lie::quaternionXyzw(found.tip.rotation), converged, response.orientation);
+      appendNumbers(found.shape.twists(), converged, response.twist);
+    }
+  });
+}
+
+bool ModelServer::onInverse(Inverse::Request& request, Inverse::Response& response) {
+  return answer(response, [&] {
+    const auto model = this->model();
+    const int n = model->arm().actuatorCount(), starts = request.start.empty() ? 0 : 1;
+    const Table position = tableOf(request.position, "position", 3, kMostInverseRows);
+    requireFinite(request.position, "position");
+    requireFinite(request.start, "start");
+    basics::require(request.start.size() == static_cast<std::size_t>(starts * n), "start has ",
+                    request.start.size(), " pressures; expected ", n, " or none");
+    const Table given(request.start.data(), starts, n);
+    watchUnit("start of a call to ~inverse", model->arm(), given);
+    statics::InverseOptions options;
+    if (!request.prefer.empty()) options.preference = statics::preferenceOf(request.prefer);
+    const Eigen::VectorXd start =
+        starts == 0 ? model->arm().inputAt(0.0) : Eigen::VectorXd(given.row(0));
+    statics::InverseSolver solver(*model, options);
+    response.rows = static_cast<std::uint32_t>(position.rows());
+    for (Eigen::Index row = 0; row < position.rows(); ++row) {
+      goOn();
+      const statics::InverseResult& found =
+          solver.toPosition(Eigen::Vector3d(position.row(row)), start);
+      response.status.emplace_back(inverseWord(found.status));
+      appendNumbers(found.input, true, response.pressure);
+      response.position_error.push_back(found.position_error);
+    }
+  });
+}
+
+std::shared_ptr<const statics::ArmModel> ModelServer::model() const {
+  const basics::MutexLock lock(mutex_);
+  return model_;
+}
+
+void ModelServer::watchUnit(const std::string& what, const model::Arm& arm, const Table& pressure) {
+  if (warned_) return;
+  const std::string warning = control::kilopascalWarning(what, arm, pressure);
+  if (warning.empty()) return;
+  warned_ = true;
+  logWarning("%s", warning.c_str());
+}
+
+void ModelServer::goOn() const {
+  if (ends_) throw std::runtime_error("the node ends; call again when it runs");
+}
+
+}  // namespace helix_arm::ros_bridge

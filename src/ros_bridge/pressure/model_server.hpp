@@ -1,0 +1,62 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <atomic>
+#include <memory>
+#include <string>
+
+#include <ros/callback_queue.h>
+#include <ros/node_handle.h>
+#include <ros/spinner.h>
+
+#include "helix_arm/Forward.h"
+#include "helix_arm/Inverse.h"
+#include "helix_arm/basics/mutex.hpp"
+#include "helix_arm/model/arm.hpp"
+#include "helix_arm/statics/arm_model.hpp"
+
+namespace helix_arm::ros_bridge {
+
+/// Serves a node's `~forward` and `~inverse`: the model of its scene, for batches.
+///
+/// Calls are served one after the other in a thread of their own, so that a large batch delays
+/// neither targets nor the pressure loop. A call that breaks a rule is answered with the rule.
+class ModelServer {
+ public:
+  /// Numbers that a call gives as one array.
+  using Table =
+      Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>;
+  static constexpr int kMostForwardRows = 10'000, kMostInverseRows = 1000;
+
+  ModelServer(const ros::NodeHandle& private_node, const statics::ArmModel& model);
+
+  /// Ends a call that is being served.
+  ~ModelServer();
+
+  /// From now on of this model; calls that are being served end with the one before.
+  void adopt(const statics::ArmModel& model) HELIX_ARM_EXCLUDES(mutex_);
+
+ private:
+  bool onForward(Forward::Request& request, Forward::Response& response);
+
+  bool onInverse(Inverse::Request& request, Inverse::Response& response);
+
+  std::shared_ptr<const statics::ArmModel> model() const HELIX_ARM_EXCLUDES(mutex_);
+
+  /// Warns once of a call whose pressures seem to be in kPa.
+  void watchUnit(const std::string& what, const model::Arm& arm, const Table& pressure);
+
+  /// @throws std::runtime_error once the node ends.
+  void goOn() const;
+
+  mutable basics::Mutex mutex_;
+  std::shared_ptr<const statics::ArmModel> model_ HELIX_ARM_GUARDED_BY(mutex_);
+  std::atomic<bool> ends_{false};
+  bool warned_ = false;  // of kilopascals; touched by the thread that serves alone
+  ros::CallbackQueue queue_;
+  ros::NodeHandle node_;
+  ros::ServiceServer forward_, inverse_;
+  ros::AsyncSpinner spinner_;
+};
+
+}  // namespace helix_arm::ros_bridge

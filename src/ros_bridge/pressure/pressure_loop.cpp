@@ -1,0 +1,359 @@
+#include "pressure_loop.hpp"
+
+#include <algorithm>
+#include <limits>
+#include <utility>
+#include <variant>
+
+#include "helix_arm/SafetyState.h"
+#include "helix_arm/regulator/config.hpp"
+#include "ros_bridge/common/conversions.hpp"
+#include "ros_bridge/common/guarded_callbacks.hpp"
+#include "ros_bridge/names.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+using diagnostic_msgs::DiagnosticStatus;
+using regulator::steadyNow;
+
+// By control::Valve.
+constexpr const char* kValves[] = {"vent", "regulate", "close"};
+
+// If more readings wait, the receiver is slower than the loop and gets only the last one.
+constexpr std::size_t kMostReadings = 4;
+
+// A function as an entry of a callback queue.
+class Call : public ros::CallbackInterface {
+ public:
+  explicit Call(std::function<void()> call) : call_(std::move(call)) {}
+  CallResult call() override {
+    call_();
+    return Success;
+  }
+
+ private:
+  std::function<void()> call_;
+};
+
+ros::NodeHandle onQueue(ros::NodeHandle node, ros::CallbackQueue& queue) {
+  node.setCallbackQueue(&queue);
+  return node;
+}
+
+// Age of a reading [s]; 0 without a stamp, and in simulated time, which may outrun real time.
+double ageOf(const ros::Time& stamp) {
+  if (stamp.isZero() || !ros::Time::isSystemTime()) return 0;
+  return ros::Time::now().toSec() - stamp.toSec();
+}
+
+helix_arm::SafetyState toSafetyMsg(const ros::Time& stamp, const regulator::PressurePath& path) {
+  const control::SafetyCore& core = path.core();
+  const control::SafetyReport& report = core.report();
+  helix_arm::SafetyState out;
+  out.header.stamp = stamp;
+  out.state = nameOf(report.state);
+  out.cause = nameOf(report.cause);
+  const control::SafetyText text = path.text();
+  out.problem = text.problem;
+  out.action = text.action;
+  out.remedy = text.remedy;
+  out.reason = text.line(report.state);
+  if (report.channel >= 0) {
+    out.actuator = core.channels()[static_cast<std::size_t>(report.channel)].name;
+  }
+  out.value = report.value;
+  out.limit = report.limit;
+  out.resting = report.resting;
+  out.stopped = report.stopped;
+  out.vent_overdue = report.vent_overdue;
+  return out;
+}
+
+LogLevel levelOf(const control::SafetyReport& report) {
+  using control::SafetyState;
+  const bool asked_for =
+      report.cause == control::SafetyCause::kVentRequested && !report.vent_overdue;
+  if (report.state == SafetyState::kFault && !asked_for) return ros::console::levels::Error;
+  if (report.state == SafetyState::kVented && !asked_for) return ros::console::levels::Warn;
+  return ros::console::levels::Info;
+}
+
+unsigned char diagnosticLevel(const control::SafetyReport& report) {
+  using control::SafetyCause;
+  if (report.vent_overdue) return DiagnosticStatus::ERROR;
+  if (report.cause == SafetyCause::kNone) return DiagnosticStatus::OK;
+  if (report.cause == SafetyCause::kVentRequested) return DiagnosticStatus::WARN;
+  const bool enabled = report.state == control::SafetyState::kEnabled;
+  return enabled ? DiagnosticStatus::OK : DiagnosticStatus::ERROR;
+}
+
+DiagnosticStatus safetyStatus(const io::Scene& scene, const PressureLoop::Snapshot& path) {
+  const control::SafetyReport& report = path.report;
+  return makeStatus(names::kSafetyStatus, diagnosticLevel(report), path.reason,
+                    {{"state", nameOf(report.state)},
+                     {"cause", nameOf(report.cause)},
+                     {"emergency_stop", report.stopped ? "engaged" : "released"},
+                     {"vent_overdue", report.vent_overdue ? "true" : "false"},
+                     {names::kTargetTimeoutKey, fixed(scene.safety.rules.target_timeout, 3)}});
+}
+
+DiagnosticStatus regulatorStatus(const io::Scene& scene, const regulator::IoStatus& io) {
+  return makeStatus("regulator", io.up ? DiagnosticStatus::OK : DiagnosticStatus::ERROR,
+                    io.up ? "the regulator answers" : "no link to the regulator: " + io.last_error,
+                    {{"regulator", regulator::describe(*scene.regulator)},
+                     {"writes", std::to_string(io.writes)},
+                     {"reads", std::to_string(io.reads)},
+                     {"bad_replies", std::to_string(io.bad_replies)},
+                     {"connections", std::to_string(io.connections)},
+                     {"breaks", std::to_string(io.breaks)},
+                     {"own_vents", std::to_string(io.own_vents)},
+                     {"last_error", io.last_error}});
+}
+
+DiagnosticStatus channelStatus(const io::Scene& scene, const PressureLoop::Snapshot& path,
+                               int channel) {
+  const model::Actuator& actuator = scene.arm.actuator(channel);
+  const bool culprit = path.report.channel == channel;
+  const char* const valve =
+      kValves[static_cast<int>(path.orders.valve[static_cast<std::size_t>(channel)])];
+  const auto kpa = [](double pascals) { return fixed(1e-3 * pascals); };
+  return makeStatus(names::kChannelStatus + actuator.name,
+                    culprit ? diagnosticLevel(path.report) : std::uint8_t{DiagnosticStatus::OK},
+                    culprit ? path.reason : valve,
+                    {{"valve", valve},
+                     {"set_point_kpa", kpa(path.orders.set_point[channel])},
+                     {"target_kpa", kpa(path.goal[channel])},
+                     {"measured_kpa", kpa(path.reading[channel])},
+                     // Rounded to 0.1 kPa, a limit would let through what the arm refuses.
+                     {names::kLowerLimitKey, fixed(1e-3 * actuator.limits.lower, 4)},
+                     {names::kUpperLimitKey, fixed(1e-3 * actuator.limits.upper, 4)}});
+}
+
+}  // namespace
+
+PressureLoop::PressureLoop(ros::NodeHandle node, const model::Arm& arm, double rate,
+                           int realtime_priority, regulator::PressurePath path, bool auto_enable,
+                           Take take)
+    : period_(1.0 / rate),
+      realtime_priority_(realtime_priority),
+      auto_enable_(auto_enable),
+      take_(std::move(take)),
+      arm_(arm),
+      path_(std::move(path)),
+      command_publisher_(node.advertise<PressureArray>(names::kPressureCommand, 10)),
+      safety_publisher_(node.advertise<helix_arm::SafetyState>(names::kSafetyState, 10, true)),
+      reading_spinner_(1, &reading_queue_),
+      take_guard_("a reading") {
+  node.setCallbackQueue(&queue_);
+  if (path_.io() != nullptr) {
+    measured_publisher_ = node.advertise<PressureArray>(names::kPressureMeasured, 10);
+  } else {
+    ros::NodeHandle other = onQueue(node, reading_queue_);
+    reading_subscriber_ =
+        listen(other, names::kPressureMeasured, 10, &PressureLoop::onReading, this);
+  }
+  ros::NodeHandle below = onQueue(ros::NodeHandle("~"), queue_);
+  enable_server_ = serve(below, names::kEnable, &PressureLoop::onEnable, this);
+  rest_server_ = serve(below, names::kRest, &PressureLoop::onRest, this);
+  vent_server_ = serve(below, names::kVent, &PressureLoop::onVent, this);
+  stop_server_ = serve(below, names::kEmergencyStop, &PressureLoop::onStop, this);
+  reading_spinner_.start();
+  thread_.start([this] { run(); });
+}
+
+PressureLoop::~PressureLoop() {
+  end();
+  ros::getGlobalCallbackQueue()->removeByID(reinterpret_cast<std::uint64_t>(this));
+}
+
+std::optional<control::Refusal> PressureLoop::command(const std::string& commander,
+                                                      const Eigen::VectorXd& pressure) {
+  const regulator::PriorityLock lock(mutex_);
+  const double now = steadyNow();
+  control::SafetyCore& core = path_.core();
+  if (rested_.refuses(commander, now, core.rules().target_timeout)) {
+    return control::restedRefusal(core.rules().target_timeout);
+  }
+  std::string refusal;
+  if (auto_enable_ && core.mayEnableItself()) refusal = path_.enable(now);
+  if (refusal.empty() && !path_.target(now, pressure)) refusal = path_.reason();
+  if (refusal.empty()) {
+    commander_ = commander;
+    rested_.release();
+  }
+  publish(now);
+  if (refusal.empty()) return std::nullopt;
+  return control::Refusal{control::Fault::kNotEnabled, refusal};
+}
+
+void PressureLoop::adopt(const model::Arm& arm, std::vector<control::ChannelRules> channels,
+                         const control::SafetyRules& rules) {
+  const regulator::PriorityLock lock(mutex_);
+  path_.core().adopt(std::move(channels), rules);
+  arm_ = arm;
+}
+
+void PressureLoop::guardedBy(std::shared_ptr<const regulator::GuardProcess> guard) {
+  const regulator::PriorityLock lock(mutex_);
+  path_.guardedBy(std::move(guard));
+}
+
+bool PressureLoop::end() {
+  ends_ = true;
+  thread_.join();
+  reading_spinner_.stop();
+  const regulator::PriorityLock lock(mutex_);
+  return path_.end();
+}
+
+Eigen::VectorXd PressureLoop::goal() const {
+  const regulator::PriorityLock lock(mutex_);
+  return arm_.clamped(path_.core().goal());  // a vented channel is at the atmosphere
+}
+
+PressureLoop::Snapshot PressureLoop::snapshot() const {
+  const regulator::PriorityLock lock(mutex_);
+  const control::SafetyCore& core = path_.core();
+  Snapshot out{core.report(),  path_.reason(), core.orders(), core.goal(),
+               core.reading(), std::nullopt,   turns_,        bad_readings_};
+  if (path_.io() != nullptr) out.io = path_.io()->status();
+  return out;
+}
+
+bool PressureLoop::onEnable(Trigger::Request&, Trigger::Response& response) {
+  const regulator::PriorityLock lock(mutex_);
+  const double now = steadyNow();
+  const std::string refusal = path_.enable(now);
+  turn(now);
+  if (refusal.empty()) rested_.release();
+  response.success = refusal.empty();
+  response.message = refusal.empty() ? path_.reason() : refusal;
+  return true;
+}
+
+bool PressureLoop::onRest(const std::string& caller, Trigger::Request&,
+                          Trigger::Response& response) {
+  const regulator::PriorityLock lock(mutex_);
+  const double now = steadyNow();
+  response.success = path_.core().rest(now);
+  if (response.success && caller != commander_) rested_.hold(caller, now);
+  rested_.acknowledge(caller);
+  turn(now);
+  response.message = (response.success ? "" : "not enabled, so nothing changes: ") + path_.reason();
+  return true;
+}
+
+bool PressureLoop::onVent(Trigger::Request&, Trigger::Response& response) {
+  const regulator::PriorityLock lock(mutex_);
+  const double now = steadyNow();
+  path_.core().vent(now);
+  turn(now);
+  response.success = path_.core().linked();
+  response.message = path_.reason();
+  return true;
+}
+
+bool PressureLoop::onStop(SetBool::Request& request, SetBool::Response& response) {
+  const regulator::PriorityLock lock(mutex_);
+  const double now = steadyNow();
+  path_.core().emergencyStop(now, request.data);
+  turn(now);
+  response.success = path_.core().linked() || !request.data;
+  response.message = path_.reason();
+  return true;
+}
+
+void PressureLoop::onReading(const PressureArrayConstPtr& reading) {
+  const regulator::PriorityLock lock(mutex_);
+  const auto checked = control::checkReading(arm_, reading->name, reading->pressure);
+  const double age = ageOf(reading->header.stamp);
+  auto refusal =
+      control::checkAge(age, path_.core().rules().reading_timeout, control::Timed::kReading);
+  if (const auto* other = std::get_if<control::Refusal>(&checked)) refusal = *other;
+  if (refusal) {
+    if (!bad_readings_.add()) return;
+    logWarning("a message on pressure_measured was dropped: %s", refusal->message.c_str());
+    return;
+  }
+  const auto& measured = std::get<Eigen::VectorXd>(checked);
+  path_.core().measured(steadyNow(), measured, std::numeric_limits<double>::quiet_NaN(), age);
+  post({measured, reading->header.stamp});
+}
+
+void PressureLoop::turn(double now) {
+  path_.turn(now);
+  publish(now);
+}
+
+void PressureLoop::publish(double now) {
+  std_msgs::Header header = toHeaderMsg(ros::Time::now());
+  command_publisher_.publish(toPressureMsg(header, arm_, path_.core().orders().set_point));
+  noteChanges(header.stamp);
+  const regulator::Reading* news = path_.news();
+  if (news == nullptr || !news->pressures.pressure.allFinite()) return;
+  // Simulated time may stand still or not have started.
+  if (ros::Time::isSystemTime()) header.stamp -= ros::Duration(now - news->time);
+  measured_publisher_.publish(toPressureMsg(header, arm_, news->pressures.pressure));
+  post({news->pressures.pressure, header.stamp});
+}
+
+void PressureLoop::noteChanges(const ros::Time& stamp) {
+  const control::SafetyReport& report = path_.core().report();
+  if (changes_noted_ == report.changes) return;
+  changes_noted_ = report.changes;
+  const helix_arm::SafetyState message = toSafetyMsg(stamp, path_);
+  safety_publisher_.publish(message);
+  logLine(levelOf(report), "%s", message.reason.c_str());
+}
+
+void PressureLoop::post(Reading reading) {
+  waiting_.push_back(std::move(reading));
+  if (waiting_.size() > kMostReadings) waiting_.erase(waiting_.begin());
+  if (waiting_.size() > 1) return;
+  ros::getGlobalCallbackQueue()->addCallback(boost::make_shared<Call>([this] { takeWaiting(); }),
+                                             reinterpret_cast<std::uint64_t>(this));
+}
+
+void PressureLoop::run() {
+  regulator::scheduleRealtime(realtime_priority_);
+  // On its own clock, since the thread of ROS timers has no real-time priority.
+  for (double due = steadyNow(); !ends_;) {
+    const double now = steadyNow();
+    if (now < due) {
+      queue_.callAvailable(ros::WallDuration(due - now));
+      continue;
+    }
+    {
+      const regulator::PriorityLock lock(mutex_);
+      ++turns_;
+      turn(steadyNow());
+    }
+    due = std::max(due + period_, now);
+    queue_.callAvailable();  // even if the turns are late
+  }
+}
+
+void PressureLoop::takeWaiting() {
+  std::vector<Reading> readings;
+  {
+    const regulator::PriorityLock lock(mutex_);
+    readings.swap(waiting_);
+  }
+  if (readings.size() == kMostReadings) readings.erase(readings.begin(), readings.end() - 1);
+  for (const Reading& reading : readings) {
+    take_guard_.run("", [&] { take_(reading); });
+  }
+}
+
+std::vector<DiagnosticStatus> statusesOf(const io::Scene& scene,
+                                         const PressureLoop::Snapshot& path) {
+  std::vector<DiagnosticStatus> statuses = {safetyStatus(scene, path)};
+  if (path.io) statuses.push_back(regulatorStatus(scene, *path.io));
+  for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
+    statuses.push_back(channelStatus(scene, path, i));
+  }
+  return statuses;
+}
+
+}  // namespace helix_arm::ros_bridge

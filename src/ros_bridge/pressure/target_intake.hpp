@@ -1,0 +1,77 @@
+#pragma once
+
+#include <array>
+#include <optional>
+#include <string>
+#include <utility>
+
+#include <diagnostic_msgs/DiagnosticStatus.h>
+#include <ros/node_handle.h>
+
+#include "helix_arm/PressureArray.h"
+#include "helix_arm/ShapeTarget.h"
+#include "helix_arm/TipTarget.h"
+#include "helix_arm/control/target_check.hpp"
+#include "helix_arm/io/scene.hpp"
+#include "helix_arm/model/arm_response.hpp"
+#include "helix_arm/regulator/realtime.hpp"
+#include "helix_arm/statics/inverse.hpp"
+#include "pressure_loop.hpp"
+#include "target_admission.hpp"
+
+namespace helix_arm::ros_bridge {
+
+/// From a target to a command: checks its values and its stamp, then whether its sender may command
+/// the arm, turns shapes and tips into pressures, and commands them.
+///
+/// Subscribes to pressure_target, shape_target and tip_target; publishes target_status, one answer
+/// per target. A target that is not sound, or whose sender may not command, is counted and dropped,
+/// and the command stays. All of it belongs to the thread of the node's callback queue.
+class TargetIntake {
+ public:
+  /// @param scene       Kept by reference: after a change, call adopt() before the next target.
+  /// @param base_frame  Frame of tip targets.
+  /// @param response    Of the arm, as it has followed the measured pressures. Kept by reference.
+  /// @param loop        Takes accepted targets.
+  TargetIntake(ros::NodeHandle node, const io::Scene& scene, std::string base_frame,
+               const model::ArmResponse& response, PressureLoop& loop);
+
+  /// A target from the interactive marker, whose stamp is not checked.
+  void takeFromHandle(const TipTarget& target);
+
+  /// Follows a change of the scene. Whoever holds the lease keeps it.
+  void adopt();
+
+  /// A warning about a commander whose pressures look like kPa, once for each; else empty.
+  std::string unitWarning() { return units_.warning(regulator::steadyNow()); }
+
+  /// As TargetAdmission::status().
+  diagnostic_msgs::DiagnosticStatus status() { return admission_.status(); }
+
+ private:
+  void onPressureTarget(const ros::MessageEvent<const PressureArray>& event);
+  void onShapeTarget(const ros::MessageEvent<const ShapeTarget>& event);
+  void onTipTarget(const ros::MessageEvent<const TipTarget>& event);
+  void aimTip(const TargetSender& sender, const TipTarget& target);
+
+  /// The command's effective pressure. Limits the search to attainable effective pressures.
+  Eigen::VectorXd beginSearch();
+
+  /// Goes to where the result's pressures are effective.
+  void follow(const TargetSender& sender, const statics::InverseResult& result);
+
+  /// Commands it; else drops the target and returns false.
+  bool command(const TargetSender& sender, const Eigen::VectorXd& pressure);
+
+  const io::Scene& scene_;
+  const std::string base_frame_;
+  const model::ArmResponse& response_;
+  PressureLoop& loop_;
+  statics::InverseSolver solver_;
+  Eigen::VectorXd lower_, upper_;  // of effective pressures
+  TargetAdmission admission_;
+  control::UnitWatch units_;
+  const std::array<ros::Subscriber, 3> subscribers_;
+};
+
+}  // namespace helix_arm::ros_bridge
