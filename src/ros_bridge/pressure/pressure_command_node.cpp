@@ -1,3 +1,5 @@
+#include <filesystem>
+
 #include <ros/callback_queue.h>
 #include <ros/spinner.h>
 #include <ros/this_node.h>
@@ -277,7 +279,7 @@ class PressureLoop {
   using Trigger = std_srvs::Trigger;
   using SetBool = std_srvs::SetBool;
 
-  bool onEnable(Trigger::Request&, Trigger::Response& response) {
+  bool onEnable(const Trigger::Request&, Trigger::Response& response) {
     const regulator::PriorityLock lock(mutex_);
     const double now = steadyNow();
     const std::string refusal = path_.enable(now);
@@ -287,7 +289,9 @@ class PressureLoop {
     response.message = refusal.empty() ? path_.reason() : refusal;
     return true;
   }
-  bool onRest(const std::string& caller, Trigger::Request&, Trigger::Response& response) {
+  bool onRest(ros::ServiceEvent<Trigger::Request, Trigger::Response>& call) {
+    const std::string& caller = call.getCallerName();
+    Trigger::Response& response = call.getResponse();
     const regulator::PriorityLock lock(mutex_);
     const double now = steadyNow();
     response.success = path_.core().rest(now);
@@ -298,7 +302,7 @@ class PressureLoop {
         (response.success ? "" : "not enabled, so nothing changes: ") + path_.reason();
     return true;
   }
-  bool onVent(Trigger::Request&, Trigger::Response& response) {
+  bool onVent(const Trigger::Request&, Trigger::Response& response) {
     const regulator::PriorityLock lock(mutex_);
     const double now = steadyNow();
     path_.core().vent(now);
@@ -307,7 +311,7 @@ class PressureLoop {
     response.message = path_.reason();
     return true;
   }
-  bool onStop(SetBool::Request& request, SetBool::Response& response) {
+  bool onStop(const SetBool::Request& request, SetBool::Response& response) {
     const regulator::PriorityLock lock(mutex_);
     const double now = steadyNow();
     path_.core().emergencyStop(now, request.data);
@@ -868,7 +872,7 @@ class ModelServer {
   }
 
  private:
-  bool onForward(Forward::Request& request, Forward::Response& response) {
+  bool onForward(const Forward::Request& request, Forward::Response& response) {
     return answer(response, [&] {
       const auto model = this->model();
       const Table pressure =
@@ -889,7 +893,7 @@ class ModelServer {
     });
   }
 
-  bool onInverse(Inverse::Request& request, Inverse::Response& response) {
+  bool onInverse(const Inverse::Request& request, Inverse::Response& response) {
     return answer(response, [&] {
       const auto model = this->model();
       const int n = model->arm().actuatorCount(), starts = request.start.empty() ? 0 : 1;
