@@ -13,6 +13,7 @@ import roslib.message
 import rosgraph
 import rospy
 import rostest
+from actionlib_msgs.msg import GoalID
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
@@ -80,7 +81,7 @@ def make_nonsense(message, path=""):
             yield "%s%s = %.80s" % (path, name, value)
         setattr(message, name, sound)
         for part in sound[:1] if isinstance(sound, list) else [sound]:
-            if hasattr(part, "_slot_types"):
+            if "/" in kind:  # a group of fields
                 yield from make_nonsense(part, path + name + ".")
 
 
@@ -141,7 +142,7 @@ class AnyMessage(unittest.TestCase):
         return publisher
 
     def test_every_value_of_every_topic_may_be_nonsense(self):
-        topics = self.subscriptions()
+        topics = {topic: of for topic, of in self.subscriptions().items() if of[0] is not GoalID}
         self.assertGreaterEqual(len(topics), 24)
         for topic, (of, subscribers) in sorted(topics.items()):
             message, publisher, sent = self.sound(topic, of), self.publisher(topic, of, subscribers), 0
@@ -151,7 +152,7 @@ class AnyMessage(unittest.TestCase):
                 sent += 1
                 if sent % 40 == 0:
                     self.check_alive("%s: %s, or one before it" % (topic, what))
-            self.assertTrue(sent > 0 or of._type == "actionlib_msgs/GoalID", topic)
+            self.assertGreater(sent, 5, topic)
             self.check_alive(topic)
             self.assertTrue(wait_for(self.takes_targets, 30), "the arm takes no target after " + topic)
             publisher.unregister()
