@@ -1,10 +1,10 @@
-"""Files that nodes read and write, and where relative paths begin. As src/ros_bridge/common/file_access.hpp of the nodes in C++."""
+"""Files that nodes read and write."""
 from __future__ import annotations
 
 import errno
 import os
 import pathlib
-from typing import Mapping, Optional, Sequence
+from typing import Mapping, Sequence
 
 from helix_arm import _core
 from helix_arm.arguments import require
@@ -12,7 +12,6 @@ from helix_arm.arguments import require
 LONGEST_PATH = 300  # in a message
 RECORDED, RECORDED_RUN = "recorded of scene ", "recorded run of "  # after "# ", the begin of a table of this package
 PROVEN = b"# follow.contact_limit and follow.on_contact are of a proof"  # the begin of a scene of procedures::provenSceneText()
-MOST_ANCESTORS = 8  # between a node and its roslaunch: launch-prefix, a shell
 
 
 def quoted(text: str, most: int = 64) -> str:
@@ -84,42 +83,5 @@ def _is_ours(path: str) -> bool:
     return begin.startswith(b"\x89PNG") and b"helix_arm plot_report" in begin
 
 
-def _launchers_folder() -> Optional[pathlib.Path]:
-    """Working directory of the roslaunch that started this node."""
-    process = os.getppid()
-    try:
-        for _ in range(MOST_ANCESTORS):
-            if process <= 1:
-                break
-            of_process = pathlib.Path("/proc", str(process))
-            words = (of_process / "cmdline").read_bytes().split(b"\0")[:3]
-            if any(os.path.basename(word) in (b"roslaunch", b"rostest") for word in words):
-                return pathlib.Path(os.readlink(of_process / "cwd"))
-            process = int((of_process / "stat").read_text().rpartition(") ")[2].split()[1])
-    except OSError:
-        pass
-    return None
-
-
 def ros_home() -> pathlib.Path:
     return pathlib.Path(os.environ.get("ROS_HOME") or pathlib.Path.home() / ".ros")
-
-
-def callers_folder() -> pathlib.Path:
-    """Folder in which the user called this node, or the roslaunch that started it: where a relative path begins.
-
-    That is the working directory, unless it is ROS_HOME, in which roslaunch starts nodes. Then it is the working directory of
-    that roslaunch; and where this cannot be found, PWD, which a node has from the shell in which roslaunch was called.
-    """
-    def is_same(a: pathlib.Path, b: pathlib.Path) -> bool:
-        return a.is_dir() and b.is_dir() and a.samefile(b)
-
-    shell = pathlib.Path(os.environ.get("PWD", ""))
-    folder = pathlib.Path.cwd()
-    if is_same(folder, ros_home()):
-        launcher = _launchers_folder()
-        if launcher is None and shell.is_absolute():
-            return shell
-        folder = launcher or folder
-    # PWD may reach the same folder over a link, by the name that the user knows.
-    return shell if shell.is_absolute() and is_same(folder, shell) else folder

@@ -16,20 +16,16 @@ from typing import Any, Callable, List, Set
 import rosgraph
 import rospy
 import rospy.impl.masterslave
-import rospy.impl.tcpros_base
-from actionlib_msgs.msg import GoalID
-from rosgraph_msgs.msg import Clock
 
 from helix_arm import _core
 from helix_arm.client_watch import proxy_of
-from helix_arm.file_access import FileAccess, callers_folder, ros_home
+from helix_arm.file_access import FileAccess, ros_home
 
 DONE, FAILED, BAD_CONFIGURATION = 0, 1, 2  # exit codes
 LONGEST_MESSAGE = 1000  # of another node that is repeated in the log [characters]
 WARNING_PERIOD = 5.0  # of each kind of fault [s]
 MASTER_PERIOD, MASTER_MISSES = 1.0, 3  # [s]
 END_PATIENCE, LOST_PATIENCE = 5.0, 1.0  # until a node that cannot end in order exits at once [s]
-END_OF_TIME = 2**31  # [s]
 COULD_NOT_END = (b"this node could not end in time and exits at once: the ROS master does not answer (run rosnode cleanup once it "
                  b"does), a callback does not return, or the log is blocked\n")
 
@@ -179,34 +175,6 @@ class _Watch:
         log.fatal(f"the ROS master at {uri} {why}: this node exits")
 
 
-def _guard_messages() -> None:
-    """Drops messages that cannot be read: rospy would close the connection on which one comes, to whatever follows there."""
-    read = rospy.impl.tcpros_base.deserialize_messages
-    faults = FaultCount()
-
-    def guarded(buffer: Any, messages: List[Any], data_class: Any, **options: Any) -> None:
-        class Guarded:
-            def deserialize(self, content: bytes) -> Any:
-                try:
-                    message = data_class().deserialize(content)
-                    if isinstance(message, Clock) and message.clock.secs >= END_OF_TIME:
-                        raise ValueError(f"it gives {message.clock.secs} s, beyond the range of ROS time (2^31 s)")
-                    goal_id = message if isinstance(message, GoalID) else getattr(message, "goal_id", None)
-                    # actionlib would take every later goal for an older one.
-                    if isinstance(goal_id, GoalID) and goal_id.stamp.secs >= END_OF_TIME:
-                        raise ValueError(f"its stamp is {goal_id.stamp.secs} s; expected less than 2^31 s")
-                    return message
-                except Exception as fault:
-                    if faults.add():
-                        log.warning(f"a message of type {data_class._type} was dropped ({faults.total} so far): {fault}")
-                    return None
-
-        read(buffer, messages, Guarded, **options)
-        messages[:] = [message for message in messages if message is not None]
-
-    rospy.impl.tcpros_base.deserialize_messages = guarded
-
-
 def listen(topic: str, message: Any, queue_size: int, callback: Callable[[Any], None]) -> rospy.Subscriber:
     """Subscribes with TCP_NODELAY. What the callback raises is logged and ends nothing."""
     faults = FaultCount()
@@ -263,7 +231,6 @@ def _spin(node: Node, watch: _Watch) -> int:
 def run(name: str, make: Callable[[], Node]) -> None:
     """The program of a node: makes it, takes turns until it must end, exits with its code."""
     sys.stdout.reconfigure(line_buffering=True)  # type: ignore[union-attr]
-    _guard_messages()
     rospy.impl.masterslave.ROSHandler.shutdown = lambda *_: end.ask() or (1, "", 0)
     try:
         rospy.init_node(name, disable_signals=True)
@@ -328,8 +295,7 @@ class Parameters:
     def file(self, name: str, folder: str, extension: str, required: bool = True) -> str:
         """Path of a file, or the bare name of one that the package ships in `folder`; empty where it is absent.
 
-        Here and below a path may be given relative to callers_folder(); the result, and from then on the parameter, is
-        absolute, and the log tells it.
+        Here and below the result is absolute; a relative path begins in the working directory of the node.
         """
         before = len(self._faults)
         given = self.text(name)
@@ -339,11 +305,10 @@ class Parameters:
             return ""
         shipped, names = _core._shipped(folder, extension)
         if "/" in given or "." in given:
-            path = self._absolute(name, given)
-            stem, ending = os.path.splitext(os.path.basename(path))
-            if ending != extension or stem not in names or os.path.exists(path):
-                return path
-            self._fault(name, path, f"a file that is there, or {stem}, which is shipped")
+            stem, ending = os.path.splitext(os.path.basename(given))
+            if ending != extension or stem not in names or os.path.exists(given):
+                return self._absolute(name, given)
+            self._fault(name, given, f"a file that is there, or {stem}, which is shipped")
         elif given in names:
             return os.path.join(shipped, given + extension)
         else:
@@ -361,7 +326,7 @@ class Parameters:
         if not given:
             return ""
         try:
-            return FileAccess({}).to_write(f"~{name}", self._absolute(name, given), ending)
+            return FileAccess({}).to_write(f"~{name}", os.path.join(os.getcwd(), given), ending)
         except ValueError as refusal:
             self._faults.append(str(refusal))
             return ""
@@ -388,9 +353,11 @@ class Parameters:
         self._faults.append(f"~{name} is {shown}; expected {rule}")
 
     def _absolute(self, name: str, given: str) -> str:
-        if given.startswith("/"):
-            return given
-        path = os.path.normpath(callers_folder() / given)
-        log.info(f"~{name} is {given}: {path}")
-        rospy.set_param("~" + name, path)  # other nodes read it, too
+        """The same path, absolute; a relative one must lead to what is there."""
+        path = os.path.join(os.getcwd(), given)
+        if path != given:
+            rospy.set_param("~" + name, path)  # the cockpit reads it, too
+            if not os.path.exists(path):
+                self._fault(name, path, f"what is there; {given} was taken from the working directory of the node, which is "
+                                        f"~/.ros with roslaunch: give an absolute path, such as $PWD/{given}")
         return path

@@ -197,44 +197,5 @@ TEST(HostileFiles, TablesAreReadInBoundedMemory) {
   expectBounded("many faults", "a\n" + repeated("x\n", 16'000'000), load);
 }
 
-TEST(HostileFiles, ScenesAreReadInBoundedMemory) {
-  const auto load = [](const std::string& path) {
-    return messageOf([](const std::string& file) { loadScene(file); }, path);
-  };
-  // Almost all that a scene may have; one more is refused by its size alone.
-  constexpr int kSize = 1'000'000;
-  const auto filled = [](const std::string& text) {
-    return repeated(text, kSize / static_cast<int>(text.size()));
-  };
-  const std::string key(195, 'k'), long_text(kSize, 'x');
-  std::string deep;  // repeated keys, each below 45 long ones
-  for (int i = 0; i < 45; ++i)
-    deep += std::string(2 * static_cast<std::size_t>(i), ' ') + key + ":\n";
-  deep += repeated(std::string(90, ' ') + "k: 1\n", 10'000);
-  const std::string aliases =
-      "list: [&a {" + repeated(key + ": 1, ", 4000) + "k: 1}" + repeated(", *a", 15'000) + "]\n";
-  std::string unknown;
-  for (int i = 0; i < 4800; ++i) unknown += key + std::to_string(i) + ": 1\n";
-  const auto expect = [&](const std::string& what, const std::string& text) {
-    expectBounded(what, text, load);
-  };
-  expect("deep repeated keys", kPlanarScene + deep);
-  expect("aliases of repeated keys", kPlanarScene + aliases);
-  expect("unknown keys", kPlanarScene + unknown);
-  expect("a long word", replaced(kPlanarScene, "geometry: planar", "geometry: " + long_text));
-  expect("a long name", replaced(kPlanarScene, "name: only", "name: " + long_text + "!"));
-  expect("a long key", kPlanarScene + long_text + ": 1\n");
-  expect("a long comment", kPlanarScene + "#" + long_text + "\n");
-  expect("quotes", kPlanarScene + "tags: \"" + filled("\\n") + "\"\n");
-  // What begins as a key may is kept until it is known to be none.
-  for (const char* begin : {"", "tags: [[", "? [["}) {
-    for (const char* one :
-         {"1,", "[", "{", "\"\"", "&a ", "*a ", "!a ", "? ", "a:\n", "- ", "\n"}) {
-      expect(std::string(begin) + one + "..", kPlanarScene + begin + filled(one) + "\n");
-    }
-  }
-  expect("too large", kPlanarScene + "#" + repeated("x", 3'500'000) + "\n");
-}
-
 }  // namespace
 }  // namespace helix_arm::io

@@ -1,4 +1,5 @@
 // Which scenes services read.
+#include <filesystem>
 #include <fstream>
 
 #include <gtest/gtest.h>

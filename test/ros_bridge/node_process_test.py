@@ -3,7 +3,6 @@
 import json
 import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -119,31 +118,14 @@ class NodeProcess(Case):
             for raw in ("]0;x\x07", "\r", "\u009b", "\n[ INFO] [1.0]: forged"):
                 self.assertNotIn(raw, output)
 
-    def test_a_relative_path_starts_in_the_folder_of_the_caller(self):
-        home, there, here = (os.path.join(self.folder, name) for name in ("home", "there", "here"))
-        for folder in (home, there, here):
-            os.mkdir(folder)
-        called = {"PWD": there, "ROS_HOME": home}
-        self.assert_ends(self.run_node("pressure_command", "_scene:=rigs/../bad.yaml", variables=called, folder=home),
-                         2, there + "/bad.yaml")
-        shutil.copy(SOURCE + "/config/scenes/demo.yaml", there + "/my.yaml")
-        taken = self.run_node("calibration", "_scene:=./my.yaml", "_out_folder:=made", variables=called, folder=home)
+    def test_a_relative_path_starts_in_the_working_directory_of_the_node(self):
+        for name in ("pressure_command", "calibration", "vision"):
+            self.assert_ends(self.run_node(name, "_scene:=rigs/bad.yaml", folder=self.folder), 2,
+                             "~scene is " + self.folder + "/rigs/bad.yaml", "give an absolute path, such as $PWD/rigs/bad.yaml")
+        os.mkdir(os.path.join(self.folder, "made"))
+        taken = self.run_node("calibration", "_scene:=demo", "_out_folder:=made", folder=self.folder)
         self.assert_prints(taken, "ready to record")
-        self.assertIn("~scene is ./my.yaml: " + there + "/my.yaml", taken.output())
-        self.assert_prints(self.run_node("", command=["rosparam", "get", "/calibration/out_folder"]), there + "/made")
-        # Elsewhere the node is where it was called, whatever PWD its parent has left it.
-        self.file("here/my.yaml", "name: my_arm\ncolour: green\n")
-        self.assert_ends(self.run_node("pressure_command", "_scene:=my.yaml", variables=called, folder=here),
-                         2, here + "/my.yaml:")
-        # As where a service starts it.
-        self.assert_ends(self.run_node("vision", "_scene:=demo", "_source:=film.avi", variables={"PWD": "", "ROS_HOME": home}),
-                         2, os.getcwd() + "/film.avi")
-
-    def test_a_bare_folder_is_a_source(self):
-        """A word that is none of the sources may be a folder of the caller."""
-        os.mkdir(os.path.join(self.folder, "pictures"))
-        taken = self.run_node("", "_scene:=demo", "_source:=pictures", command=["env", "-C", self.folder, node("vision")])
-        self.assert_prints(taken, "~source is pictures: " + self.folder + "/pictures")
+        self.assert_prints(self.run_node("", command=["rosparam", "get", "/calibration/out_folder"]), self.folder + "/made")
 
     def test_a_nodelet_with_a_bad_scene_names_it_and_its_manager_goes_on(self):
         nodelet = ["rosrun", "nodelet", "nodelet"]
@@ -247,18 +229,6 @@ class LaunchFiles(Case):
         if not os.access(data, os.R_OK):
             self.skipTest(data + " is not here")
         self.assert_runs("replay.launch", "scene:=planar_76", "data:=" + data, "hold_s:=0.1")
-
-    @full_size_only
-    def test_takes_paths_relative_to_the_folder_of_roslaunch_whatever_pwd_says(self):
-        """A program that starts roslaunch in another folder leaves it its own PWD."""
-        for folder in ("here", "parent"):
-            self.file(folder + "/my_arm.yaml", "name: my_arm\ncolour: green\n")
-        here, parent = (os.path.join(self.folder, name) for name in ("here", "parent"))
-        for pwd in (here, parent):
-            launch = self.run_node("", "-p", str(self.master.port), LAUNCH + "arm.launch", "scene:=my_arm.yaml", "rviz:=false",
-                                   command=["roslaunch"], variables={"PWD": pwd}, folder=here)
-            self.assert_prints(launch, here + "/my_arm.yaml:")
-            self.assertNotIn(parent + "/my_arm.yaml", launch.output())
 
 
 # What it takes to have all nodes of a launch file; one variant without arguments where it is not among these.

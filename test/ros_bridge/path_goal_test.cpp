@@ -1,7 +1,6 @@
-// Goals of the tip: how they are received and checked, watched, and what the loop is told of tags.
+// Goals of the tip: how they are checked and watched, and what the loop is told of tags.
 #include "ros_bridge/follow/path_goal.hpp"
 
-#include <cstring>
 #include <stdexcept>
 
 #include <gtest/gtest.h>
@@ -16,7 +15,6 @@ namespace {
 
 using test::eventually;
 using Result = FollowTipPathResult;
-using Bytes = std::vector<std::uint8_t>;
 using follow::LoopState;
 using Indices = std::vector<int>;
 using estimation::ObservationFault;
@@ -134,58 +132,29 @@ TEST(PathChecker, ItsEndStopsAllChecks) {
   EXPECT_EQ(checks.running, 0);
 }
 
-// A goal of so many points in the frame "wall", as roscpp writes it.
-Bytes goalBytes(std::size_t points) {
-  FollowTipPathActionGoal goal;
-  goal.goal_id.id = "this one";
-  goal.goal.path.header.frame_id = "wall";
-  goal.goal.path.joint_names = {"tip"};
-  goal.goal.path.points.resize(points);
+// A goal of so many points in the frame "wall".
+FollowTipPathGoal goalOf(std::size_t points) {
+  FollowTipPathGoal goal;
+  goal.path.header.frame_id = "wall";
+  goal.path.joint_names = {"tip"};
+  goal.path.points.resize(points);
   for (std::size_t k = 0; k < points; ++k) {
-    auto& point = goal.goal.path.points[k];
+    auto& point = goal.path.points[k];
     point.transforms.resize(1);
     point.transforms[0].translation.x = 0.1;
     point.time_from_start = ros::Duration(0.01 * static_cast<double>(k));
   }
-  goal.goal.path_tolerance = 0.004;
-  Bytes out(ros::serialization::serializationLength(goal));
-  ros::serialization::OStream stream(out.data(), static_cast<std::uint32_t>(out.size()));
-  ros::serialization::serialize(stream, goal);
-  return out;
+  goal.path_tolerance = 0.004;
+  return goal;
 }
 
-// As the subscription of the action server reads it.
-UnreadActionGoal received(Bytes bytes) {
-  UnreadActionGoal out;
-  ros::serialization::IStream stream(bytes.data(), static_cast<std::uint32_t>(bytes.size()));
-  ros::serialization::deserialize(stream, out);
-  EXPECT_EQ(stream.getLength(), 0U);
-  return out;
-}
-
-// Where a path has the number of its points, after two headers, the goal's id and one joint name.
-std::size_t placeOfCount(const Bytes& bytes) {
-  const std::string name = "tip";
-  return static_cast<std::size_t>(
-      std::search(bytes.begin(), bytes.end(), name.begin(), name.end()) - bytes.begin() + 3);
-}
-
-const PathCheck kAnyPath = [](const control::TipPath&, double, const std::atomic<bool>&) {
-  return std::string();
-};
-
-TEST(UnreadGoal, HoldsTheBytesOfItsGoal) {
-  const UnreadActionGoal goal = received(goalBytes(3));
-  EXPECT_EQ(goal.goal_id.id, "this one");
-  EXPECT_EQ(goal.goal.path_header.frame_id, "wall");
-  EXPECT_EQ(goal.goal.points, 3U);
-  ASSERT_TRUE(goal.goal.bytes);
-  EXPECT_EQ(goal.goal.bytes->size(), goal.goal.size);
-  EXPECT_FALSE(refusalOf(goal.goal, 0.5));
+TEST(Decide, ConvertsAGoalToTheBaseFrameAndChecksItsPath) {
+  const FollowTipPathGoal goal = goalOf(3);
+  EXPECT_FALSE(refusalOf(goal, 0.5));
   double tolerance = 0.0;
   const lie::SE3 X_BF{Eigen::Matrix3d::Identity(), {0, 0, 1}};
   const DecidedGoal decided = decide(
-      goal.goal, X_BF,
+      goal, X_BF,
       [&](const control::TipPath&, double given, const std::atomic<bool>&) {
         tolerance = given;
         return std::string();
@@ -196,51 +165,15 @@ TEST(UnreadGoal, HoldsTheBytesOfItsGoal) {
   EXPECT_EQ(std::get<PathGoal>(decided).path.lastTime(), 0.02);
   EXPECT_EQ(tolerance, 0.004);
   EXPECT_EQ(messageOf(decide(
-                goal.goal, {}, [](auto&&...) { return "too fast"; }, false)),
+                goal, {}, [](auto&&...) { return "too fast"; }, false)),
             "too fast");
 }
 
-// What the thread of the turns does is the same for any number of points: no point is looked at.
-TEST(UnreadGoal, IsReceivedWithoutALookAtItsPoints) {
-  Bytes bytes = goalBytes(2);
-  std::fill(bytes.begin() + static_cast<std::ptrdiff_t>(placeOfCount(bytes)) + 4, bytes.end(),
-            0xff);
-  const UnreadActionGoal goal = received(bytes);
-  EXPECT_EQ(goal.goal.points, 2U);
-  EXPECT_FALSE(refusalOf(goal.goal, 0.5));
-  // Only its check finds that the arrays of its first point are longer than the goal.
-  EXPECT_NE(messageOf(decide(goal.goal, {}, kAnyPath, false)), "");
+TEST(RefusalOf, TooManyPointsNamesTheLimit) {
+  EXPECT_FALSE(refusalOf(goalOf(control::kMostWayPoints), 0.5));
+  expectEnding(refusalOf(goalOf(control::kMostWayPoints + 1), 0.5), Result::INVALID_GOAL,
+               {"the path has 100001 points; expected at most 100000: send it in parts"});
 }
-
-TEST(UnreadGoal, OfTooManyPointsOrBytesIsRefusedForThemAndNotKept) {
-  const Bytes small = goalBytes(2);
-  const auto expect = [](const Bytes& bytes, bool too_many, const std::string& words) {
-    const UnreadActionGoal goal = received(bytes);
-    EXPECT_EQ(goal.goal.bytes == nullptr, too_many) << words;
-    const auto refusal = refusalOf(goal.goal, 0.5);
-    ASSERT_EQ(refusal.has_value(), too_many) << words;
-    if (too_many) expectEnding(refusal, Result::INVALID_GOAL, {words.c_str()});
-  };
-  for (const std::uint32_t claim : {100'000U, 100'001U, 1'000'000U, 0xffffffffU}) {
-    Bytes bytes = small;
-    std::memcpy(bytes.data() + placeOfCount(bytes), &claim, sizeof claim);
-    EXPECT_EQ(received(bytes).goal.points, claim);
-    expect(bytes, claim > control::kMostWayPoints,
-           "the path has " + std::to_string(claim) +
-               " points; expected at most 100000: send it in parts");
-  }
-  const std::size_t ids = small.size() - received(small).goal.size;
-  for (const std::size_t size : {std::size_t{kMostGoalBytes}, kMostGoalBytes + std::size_t{1}}) {
-    Bytes bytes = small;
-    bytes.resize(ids + size);
-    EXPECT_EQ(received(bytes).goal.size, size);
-    expect(bytes, size > kMostGoalBytes,
-           "the goal has 20000001 bytes; expected at most 20000000: ");
-  }
-}
-
-// The largest goal that follows the rules fits.
-static_assert(control::kMostWayPoints * (3 * 4 + 56 + 48 + 48 + 8) + 1000 <= kMostGoalBytes);
 
 constexpr double kEnd = 4.0;    // of the path [s]
 constexpr double kSpeed = 0.1;  // along x [m/s]

@@ -13,7 +13,6 @@ using namespace ros_bridge;
 
 const std::string kScene = "_scene:=" HELIX_ARM_SOURCE_DIR "/config/scenes/demo.yaml";
 const std::string kNode = "--node=";
-const std::string kDestroy = "--destroy";
 const char* const kWords = "something threw";
 
 // A node one of whose callbacks throws once the others have begun.
@@ -28,24 +27,6 @@ struct Throwing : Node {
       ros::WallDuration(0.5),
       [](const ros::SteadyTimerEvent&) { throw std::runtime_error(kWords); }, true);
 };
-
-// What throws is not caught before the node's destructor.
-int destroy(int argc, char** argv, const std::string& program) {
-  ros::init(argc, argv, program);
-  const ros::NodeHandle started;
-  return guarded([&]() -> int {
-    const Throwing node(program);
-    ros::spin();
-    return kDone;
-  });
-}
-
-int run(int argc, char** argv, const std::string& program) {
-  const bool destroys = argv[argc - 1] == kDestroy;
-  return destroys
-             ? destroy(argc, argv, program)
-             : runNode(argc, argv, program, [&] { return std::make_unique<Throwing>(program); });
-}
 
 struct Kind {
   const char* name;
@@ -62,16 +43,12 @@ const Kind kKinds[] = {
 
 TEST(ThrowingNodes, EndInOrderWith1) {
   const Master master;
-  for (const bool destroys : {false, true}) {
-    for (const Kind& kind : kKinds) {
-      std::vector<std::string> command = {"/proc/self/exe", kNode + kind.name};
-      command.insert(command.end(), kind.arguments.begin(), kind.arguments.end());
-      if (destroys) command.push_back(kDestroy);
-      Process node(command, master.variables());
-      EXPECT_EQ(node.exitCode(60), kFailed) << kind.name << "\n" << node.output();
-      EXPECT_NE(node.output().find(kWords), std::string::npos) << kind.name << "\n"
-                                                               << node.output();
-    }
+  for (const Kind& kind : kKinds) {
+    std::vector<std::string> command = {"/proc/self/exe", kNode + kind.name};
+    command.insert(command.end(), kind.arguments.begin(), kind.arguments.end());
+    Process node(command, master.variables());
+    EXPECT_EQ(node.exitCode(60), kFailed) << kind.name << "\n" << node.output();
+    EXPECT_NE(node.output().find(kWords), std::string::npos) << kind.name << "\n" << node.output();
   }
 }
 
@@ -81,7 +58,9 @@ TEST(ThrowingNodes, EndInOrderWith1) {
 int main(int argc, char** argv) {
   using namespace helix_arm::test;
   for (const Kind& kind : kKinds) {
-    if (argc > 1 && argv[1] == kNode + kind.name) return run(argc, argv, kind.program);
+    if (argc == 1 || argv[1] != kNode + kind.name) continue;
+    return runNode(argc, argv, kind.program,
+                   [&] { return std::make_unique<Throwing>(kind.program); });
   }
   ::testing::InitGoogleTest(&argc, argv);
   return RUN_ALL_TESTS();

@@ -21,9 +21,8 @@ class FileError : public std::runtime_error {
 ///
 /// A temporary file beside it (`.NAME.<16 digits>.tmp`) is written, synced and renamed, and the
 /// folder is synced. An existing file keeps its permissions and is then owned by its last writer.
-/// A link from one scene (.yaml) to another is followed; every other link is refused. Temporary
-/// files of the same name whose writers were killed are removed. Several writers may write at once:
-/// the last one wins.
+/// A link from one scene (.yaml) to another is followed; every other link is refused. Several
+/// writers may write at once: the last one wins. One that is killed leaves its temporary file.
 ///
 /// All members throw FileError naming path, reason and remedy: on a path that cannot be written or
 /// is no regular file, a read-only file, a full disk. The old file is then unchanged, and no
@@ -47,7 +46,6 @@ class AtomicFile {
 
  private:
   AtomicFile(std::string path, std::string target);
-  void create();
 
   const std::string path_, target_;  // as given, and what is replaced
   std::string name_, temporary_;     // in their folder; no temporary one once it is renamed

@@ -6,11 +6,9 @@
 #include <filesystem>
 #include <memory>
 #include <random>
-#include <vector>
 
 #include <fcntl.h>
 #include <openssl/evp.h>
-#include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -21,8 +19,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kNameDigits = 16;  // of a temporary file
-constexpr char kSuffix[] = ".tmp";
 constexpr char kDigits[] = "0123456789abcdef";
 
 [[noreturn]] void refuse(const std::string& path, const std::string& reason,
@@ -36,35 +32,11 @@ constexpr char kDigits[] = "0123456789abcdef";
          full ? "free disk space, or choose another path" : "choose another path");
 }
 
-bool isTemporaryOf(const std::string& name, const std::string& entry) {
-  const std::string prefix = "." + name + ".";
-  const std::size_t end = prefix.size() + kNameDigits;
-  return entry.size() == end + std::strlen(kSuffix) && entry.substr(0, prefix.size()) == prefix &&
-         entry.substr(end) == kSuffix && entry.find_first_not_of(kDigits, prefix.size()) == end;
-}
-
 std::string temporaryName(const std::string& name) {
   std::random_device random;
   std::string out = "." + name + ".";
-  for (int i = 0; i < kNameDigits; ++i) out += kDigits[random() & 15];
-  return out + kSuffix;
-}
-
-// A writer locks its temporary file, and the system releases the lock when the writer ends. A file
-// that can be locked here has been abandoned.
-void removeAbandoned(int folder, const std::string& name) {
-  std::vector<std::string> found;
-  std::error_code error;
-  const std::string listed = "/proc/self/fd/" + std::to_string(folder);
-  for (fs::directory_iterator at(listed, error), end; at != end && !error; at.increment(error)) {
-    if (isTemporaryOf(name, at->path().filename())) found.push_back(at->path().filename());
-  }
-  for (const std::string& entry : found) {
-    const int file = ::openat(folder, entry.c_str(), O_RDWR | O_NOFOLLOW | O_CLOEXEC);
-    if (file < 0) continue;
-    if (::flock(file, LOCK_EX | LOCK_NB) == 0) ::unlinkat(folder, entry.c_str(), 0);
-    ::close(file);
-  }
+  for (int i = 0; i < 16; ++i) out += kDigits[random() & 15];
+  return out + ".tmp";
 }
 
 // The file that a path leads to, which may not exist yet.
@@ -144,8 +116,14 @@ AtomicFile::AtomicFile(const std::string& path) : AtomicFile(path, targetOf(path
   const bool exists = ::stat(target_.c_str(), &present) == 0;
   folder_ = ::open(directory.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   if (folder_ < 0) refuse(path_, errno);
-  removeAbandoned(folder_, name_);
-  create();
+  std::string temporary;
+  do {
+    temporary = temporaryName(name_);
+    constexpr int kNew = O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC;
+    file_ = ::openat(folder_, temporary.c_str(), kNew, 0666);
+  } while (file_ < 0 && errno == EEXIST);
+  if (file_ < 0) refuse(path_, errno);
+  temporary_ = temporary;
   if (exists && ::fchmod(file_, present.st_mode & 07777) != 0) refuse(path_, errno);
 }
 
@@ -156,23 +134,6 @@ AtomicFile::~AtomicFile() {
   if (!temporary_.empty()) ::unlinkat(folder_, temporary_.c_str(), 0);
   for (const int open : {file_, folder_}) {
     if (open >= 0) ::close(open);
-  }
-}
-
-void AtomicFile::create() {
-  constexpr int kNew = O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC;
-  while (true) {
-    const std::string temporary = temporaryName(name_);
-    file_ = ::openat(folder_, temporary.c_str(), kNew, 0666);
-    if (file_ < 0 && errno == EEXIST) continue;
-    if (file_ < 0) refuse(path_, errno);
-    temporary_ = temporary;
-    // Until the lock, another writer may remove the file as abandoned, where there are locks.
-    const bool taken = ::flock(file_, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK;
-    struct stat now {};
-    if (!taken && ::fstat(file_, &now) == 0 && now.st_nlink > 0) return;
-    temporary_.clear();
-    ::close(file_);
   }
 }
 

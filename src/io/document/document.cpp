@@ -5,7 +5,6 @@
 #include <sstream>
 #include <utility>
 
-#include <yaml-cpp/eventhandler.h>
 #include <yaml-cpp/yaml.h>
 
 #include "helix_arm/basics/quote.hpp"
@@ -30,94 +29,33 @@ std::optional<std::string> plainText(std::string text, FaultList& faults) {
 constexpr std::size_t kMostBytes = kMostSceneBytes;
 constexpr int kMostValues = 20000;
 constexpr int kDeepest = 50;
-constexpr std::size_t kLongestKey = 200;  // each fault repeats the keys above it
-
-// Inside brackets, yaml-cpp keeps every possible key until it is decided, about 200 bytes each.
-constexpr long kMostMarks = 4L * kMostValues;
 
 struct TooLarge {};
 
-// Records where documents start, and throws TooLarge before an oversized tree is built.
-// YAML::LoadAll does not return from a stray `,` between documents.
-class Survey : public YAML::EventHandler {
- public:
-  std::optional<YAML::Mark> last;
-  void OnDocumentStart(const YAML::Mark& mark) override { last = mark; }
-  void OnDocumentEnd() override {}
-  void OnNull(const YAML::Mark&, YAML::anchor_t) override { count(); }
-  void OnAlias(const YAML::Mark&, YAML::anchor_t) override { count(); }
-  void OnScalar(const YAML::Mark&, const std::string&, YAML::anchor_t,
-                const std::string&) override {
-    count();
-  }
-  void OnSequenceStart(const YAML::Mark&, const std::string&, YAML::anchor_t,
-                       YAML::EmitterStyle::value) override {
-    enter();
-  }
-  void OnSequenceEnd() override { --depth_; }
-  void OnMapStart(const YAML::Mark&, const std::string&, YAML::anchor_t,
-                  YAML::EmitterStyle::value) override {
-    enter();
-  }
-  void OnMapEnd() override { --depth_; }
-
- private:
-  void count() {
-    if (++count_ > 2 * kMostValues) throw TooLarge();  // keys count, too
-  }
-  void enter() {
-    count();
-    if (++depth_ > kDeepest + 1) throw TooLarge();
-  }
-
-  int count_ = 0, depth_ = 0;
-};
-
-// The code point at `at`, which moves behind it; nothing where the bytes are not UTF-8.
-std::optional<char32_t> codePoint(const std::string& text, std::size_t& at) {
-  constexpr char32_t kLeast[] = {0, 0x80, 0x800, 0x10000};  // by the number of bytes that follow
-  const auto first = static_cast<unsigned char>(text[at++]);
-  if (first < 0x80) return first;
-  const std::size_t more = first < 0xe0 ? 1 : first < 0xf0 ? 2 : 3;
-  if (first < 0xc0 || first > 0xf4 || text.size() - at < more) return std::nullopt;
-  char32_t code = first & (0x3fU >> more);
-  for (std::size_t k = 0; k < more; ++k) {
-    const auto next = static_cast<unsigned char>(text[at++]);
-    if ((next & 0xc0U) != 0x80) return std::nullopt;
-    code = code << 6U | (next & 0x3fU);
-  }
-  const bool surrogate = code >= 0xd800 && code <= 0xdfff;
-  if (code < kLeast[more] || code > 0x10ffff || surrogate) return std::nullopt;
-  return code;
-}
-
-// What makes a scalar something else than text; empty if it is text. Names and paths end at a NUL,
-// terminals obey control characters, and yaml-cpp writes U+FFFD in place of what is no character.
+// Names and paths end at a NUL, and terminals obey control characters.
 // @param spaces  control characters that are accepted.
-const char* faultOfText(const std::string& text, const std::string& spaces) {
-  for (std::size_t at = 0; at < text.size();) {
-    const std::optional<char32_t> code = codePoint(text, at);
-    const bool none = code && ((*code & 0xfffeU) == 0xfffe || (*code >= 0xfdd0 && *code <= 0xfdef));
-    if (!code || none) return "bytes that are not UTF-8 text";
-    const bool control = *code < 0x20 || (*code >= 0x7f && *code < 0xa0);
-    if (control && spaces.find(text[at - 1]) == std::string::npos) return "a control character";
+bool isPrintable(std::string text, const std::string& spaces) {
+  const auto is_space = [&](char c) { return spaces.find(c) != std::string::npos; };
+  text.erase(std::remove_if(text.begin(), text.end(), is_space), text.end());
+  return basics::printable(text) == text;
+}
+
+constexpr char kNotPrintable[] = "a control character, or bytes that are not UTF-8";
+
+// The line, from 1, in which a second document begins, which YAML::Load would ignore; 0 if there is
+// none. YAML::LoadAll does not return from a stray `,` at the begin of a document.
+int secondDocument(const std::string& text) {
+  std::istringstream lines(text);
+  std::string line;
+  bool begun = false;
+  for (int number = 1; std::getline(lines, line); ++number) {
+    const bool begins = line.compare(0, 3, "---") == 0 && (line + " ").find_first_of(" \t\r") == 3;
+    if (begins && begun) return number;
+    const std::size_t content = line.find_first_not_of(" \t\r");
+    begun = begun || begins ||
+            (content != std::string::npos && line[content] != '#' && line[content] != '%');
   }
-  return "";
-}
-
-long markCount(const std::string& text) {
-  const std::string marks = "[]{},:";
-  return std::count_if(text.begin(), text.end(),
-                       [&](char c) { return marks.find(c) != std::string::npos; });
-}
-
-// Start of the second document of a text, which YAML::Load would ignore silently.
-std::optional<YAML::Mark> secondDocument(const std::string& text) {
-  std::istringstream stream(text);
-  YAML::Parser parser(stream);
-  Survey survey;
-  if (!parser.HandleNextDocument(survey) || !parser.HandleNextDocument(survey)) return std::nullopt;
-  return survey.last;
+  return 0;
 }
 
 struct Conversion {
@@ -146,9 +84,9 @@ struct Conversion {
       value.kind = Value::Kind::kText;
       value.text = node.Scalar();
       if ((bytes += value.text.size()) > kMostBytes) throw TooLarge();
-      if (const std::string fault = faultOfText(value.text, "\t\n\r"); !fault.empty()) {
+      if (!isPrintable(value.text, "\t\n\r")) {
         is_text = false;
-        report(faults, place(node.Mark(), key_place), nameOf(path), " holds ", fault,
+        report(faults, place(node.Mark(), key_place), nameOf(path), " holds ", kNotPrintable,
                "; expected printable text in UTF-8");
       }
       value.quoted = node.Tag() == "!";
@@ -175,13 +113,9 @@ struct Conversion {
       return report(faults, here, nameOf(path), " has a key that is not a word; expected a name");
     }
     const std::string& name = key.Scalar();
-    if (name.size() > kLongestKey) {
-      return report(faults, here, nameOf(path), " has a key of ", name.size(),
-                    " characters; expected a name of at most ", kLongestKey);
-    }
-    if (const std::string fault = faultOfText(name, ""); !fault.empty()) {
+    if (!isPrintable(name, "")) {
       is_text = false;
-      return report(faults, here, nameOf(path), " has a key with ", fault,
+      return report(faults, here, nameOf(path), " has a key with ", kNotPrintable,
                     "; expected a name of printable text");
     }
     if (!names.insert(name).second) {
@@ -213,10 +147,10 @@ std::optional<Value> parse(const std::string& text, const std::optional<std::str
                            const std::string& path, FaultList& faults) {
   const Place start{override_key ? 0 : 1, override_key};
   try {
-    if (text.size() > kMostBytes || markCount(text) > kMostMarks) throw TooLarge();
-    if (const std::optional<YAML::Mark> second = secondDocument(text)) {
-      const Place place{second->line + 1, {}};
-      report(faults, override_key ? start : place, "begins a second document; expected only one");
+    if (text.size() > kMostBytes) throw TooLarge();
+    if (const int line = secondDocument(text); line > 0) {
+      report(faults, override_key ? start : Place{line, {}},
+             "begins a second document; expected only one");
       return std::nullopt;
     }
     // A failed conversion reports the faults that were found before it.

@@ -73,7 +73,7 @@ struct DocumentKind {
 };
 
 /// Reads one YAML document. Syntax errors, repeated keys, keys that are not words, and texts that
-/// are not UTF-8 or hold control characters (except tabs and line ends in values) are faults. A
+/// are not printable (basics::printable(), besides tabs and line ends in values) are faults. A
 /// document of another kind is one fault, which does not repeat its content.
 /// @return nothing if there is no usable tree.
 std::optional<Value> parseDocument(const std::string& text, const DocumentKind& kind,

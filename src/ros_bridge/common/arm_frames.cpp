@@ -75,8 +75,7 @@ void FrameLookup::take(const ros::MessageEvent<const tf2_msgs::TFMessage>& event
   if (now < last_time_) buffer_.clear();  // a jump back in time; static transforms stay
   last_time_ = now;
   for (const auto& transform : event.getMessage()->transforms) {
-    const ros::Time& stamp = transform.header.stamp;
-    if (!is_static && (!isSound(stamp) || endsTf(stamp))) continue;
+    if (!is_static && endsTf(transform.header.stamp)) continue;
     buffer_.setTransform(transform, event.getPublisherName(), is_static);
   }
 }

@@ -4,11 +4,9 @@
 #include <cmath>
 #include <cstdlib>
 #include <exception>
-#include <fstream>
+#include <filesystem>
 #include <sstream>
 #include <system_error>
-
-#include <unistd.h>
 
 #include "guarded_callbacks.hpp"
 #include "helix_arm/basics/quote.hpp"
@@ -29,52 +27,6 @@ bool isBelow(const fs::path& path, const fs::path& folder) {
   const auto [of_folder, of_path] =
       std::mismatch(folder.begin(), folder.end(), path.begin(), path.end());
   return !folder.empty() && of_folder == folder.end() && of_path != path.end();
-}
-
-constexpr int kMostAncestors = 8;  // between a node and its roslaunch: launch-prefix, a shell
-
-bool isSameFolder(const fs::path& a, const fs::path& b) {
-  std::error_code fault;
-  return fs::equivalent(a, b, fault) && !fault;
-}
-
-fs::path rosHome() { return fs::path(defaultFolder()).parent_path(); }
-
-fs::path ofProcess(long process, const char* file) {
-  return fs::path("/proc") / std::to_string(process) / file;
-}
-
-// `roslaunch ...` or `python3 .../roslaunch ...`. A rostest is one, too.
-bool isLauncher(long process) {
-  std::ifstream line(ofProcess(process, "cmdline"));
-  std::string word;
-  for (int k = 0; k < 3 && std::getline(line, word, '\0'); ++k) {
-    const fs::path name = fs::path(word).filename();
-    if (name == "roslaunch" || name == "rostest") return true;
-  }
-  return false;
-}
-
-// 0 if there is none.
-long parentOf(long process) {
-  std::ifstream file(ofProcess(process, "stat"));
-  std::string text;
-  std::getline(file, text, '\0');
-  const std::size_t name_end = text.rfind(") ");  // then come the state and the parent
-  if (name_end == std::string::npos || name_end + 4 > text.size()) return 0;
-  return std::strtol(text.c_str() + name_end + 4, nullptr, 10);
-}
-
-std::optional<fs::path> launchersFolder() {
-  long process = getppid();
-  for (int k = 0; k < kMostAncestors && process > 1; ++k, process = parentOf(process)) {
-    if (!isLauncher(process)) continue;
-    std::error_code fault;
-    const fs::path folder = fs::read_symlink(ofProcess(process, "cwd"), fault);
-    if (fault) return std::nullopt;
-    return folder;
-  }
-  return std::nullopt;
 }
 
 // Absolute path of a file, or of the one that the package ships in `folder` under this bare name;
@@ -123,21 +75,6 @@ std::string sceneBelow(const std::vector<SceneFolder>& folders, const std::strin
   return path.string();
 }
 
-std::filesystem::path callersFolder() {
-  const char* const pwd = std::getenv("PWD");
-  const fs::path shell = pwd == nullptr ? "" : pwd;
-  fs::path folder = fs::current_path();
-  if (isSameFolder(folder, rosHome())) {
-    if (const auto launcher = launchersFolder()) {
-      folder = *launcher;
-    } else if (shell.is_absolute()) {
-      return shell;
-    }
-  }
-  // PWD may reach the same folder over a link, by the name that the user knows.
-  return shell.is_absolute() && isSameFolder(folder, shell) ? shell : folder;
-}
-
 LoopWatch::LoopWatch(ros::NodeHandle& node)
     : subscriber_(listen(node, names::kVisualServoStatus, 10, &LoopWatch::onStatus, this)) {}
 
@@ -177,7 +114,7 @@ std::string ReloadServer::allowed(const std::string& scene) const {
                     *path);
 }
 
-bool ReloadServer::onReload(Reload::Request& request, Reload::Response& response) {
+bool ReloadServer::onReload(const Reload::Request& request, Reload::Response& response) {
   try {
     const std::string path = allowed(request.scene);
     io::Scene scene = io::loadScene(path);
@@ -275,10 +212,9 @@ std::string ParameterReader::file(const std::string& name, const std::string& fo
     return "";
   }
   if (io::isPath(given)) {
-    const std::string path = absolute(name, given);
-    const auto meant = io::shippedNameOf(path, folder, extension);
-    if (!meant) return path;
-    fault(name, Value(path), "a file that is there, or " + *meant + ", which is shipped");
+    const auto meant = io::shippedNameOf(given, folder, extension);
+    if (!meant) return absolute(name, given);
+    fault(name, Value(given), "a file that is there, or " + *meant + ", which is shipped");
     return "";
   }
   std::string path = *filePath(given, folder, extension);
@@ -290,12 +226,14 @@ std::string ParameterReader::file(const std::string& name, const std::string& fo
 }
 
 std::string ParameterReader::absolute(const std::string& name, const std::string& given) {
-  if (given.front() == '/') return given;
-  std::string path = (callersFolder() / given).lexically_normal();
-  logInfo("~%s is %s: %s", name.c_str(), basics::printable(given).c_str(),
-          basics::printable(path).c_str());
-  node_.setParam(name, path);  // other nodes read it, too
-  return path;
+  const fs::path path = fs::absolute(given);
+  std::error_code ignored;
+  if (path != given && !fs::exists(path, ignored)) {
+    fault(name, Value(path.string()),
+          messageOf("what is there; ", given, " was taken from the working directory of the node, ",
+                    "which is ~/.ros with roslaunch: give an absolute path, such as $PWD/", given));
+  }
+  return path.string();
 }
 
 void ParameterReader::finish() {

@@ -1,6 +1,5 @@
 #pragma once
 
-#include <filesystem>
 #include <functional>
 #include <optional>
 #include <set>
@@ -23,13 +22,6 @@ namespace helix_arm::ros_bridge {
 /// Where services read and write by default: `helix_arm` below ROS_HOME, which is ~/.ros if unset.
 std::string defaultFolder();
 
-/// Folder in which the user called this node, or its roslaunch: where a relative path begins.
-///
-/// That is the working directory, unless it is ROS_HOME, in which roslaunch starts nodes. Then it
-/// is the working directory of that roslaunch; and where this cannot be found, PWD, which a node
-/// has from the shell in which roslaunch was called.
-std::filesystem::path callersFolder();
-
 /// Reads a node's private parameters and collects their faults: `~name value rule`.
 class ParameterReader {
  public:
@@ -47,8 +39,8 @@ class ParameterReader {
   int count(const std::string& name, int fallback, int lower, int upper);
 
   /// Path of a file, or the bare name of one that the package ships in `folder` with this
-  /// extension. Here and below a path may be given relative to callersFolder(); the result, and
-  /// from then on the parameter, is absolute, and the log tells it.
+  /// extension. Here and below the result is absolute; a relative path begins in the working
+  /// directory of the node.
   std::string file(const std::string& name, const std::string& folder,
                    const std::string& extension);
 
@@ -58,7 +50,8 @@ class ParameterReader {
     return given.empty() ? fallback : absolute(name, given);
   }
 
-  /// The same path, absolute. @param given  the value of the parameter, not empty.
+  /// The same path, absolute; a relative one must lead to what is there.
+  /// @param given  the value of the parameter, not empty.
   std::string absolute(const std::string& name, const std::string& given);
 
   /// Warns of parameters that were set but never read, most often misspelt ones.
@@ -131,7 +124,7 @@ class ReloadServer {
                Adopt adopt);
 
  private:
-  bool onReload(Reload::Request& request, Reload::Response& response);
+  bool onReload(const Reload::Request& request, Reload::Response& response);
   /// The file that a request means.
   /// @throws std::invalid_argument if the node does not accept it.
   std::string allowed(const std::string& scene) const;

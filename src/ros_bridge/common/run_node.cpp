@@ -9,15 +9,12 @@
 #include <ros/callback_queue.h>
 #include <ros/init.h>
 #include <ros/master.h>
-#include <ros/spinner.h>
 #include <ros/this_node.h>
 #include <ros/xmlrpc_manager.h>
-#include <rosgraph_msgs/Clock.h>
 #include <unistd.h>
 
 #include "client_watch.hpp"
 #include "diagnostics.hpp"
-#include "guarded_callbacks.hpp"
 #include "helix_arm/io/fault_list.hpp"
 #include "ros_bridge/names.hpp"
 
@@ -83,67 +80,6 @@ class EndWatch {
   double idle_ = 0;  // these two are the watch's own [s]
   unsigned seen_ = 0;
   Ticker ticker_{kPeriod, [this] { return check(); }};
-};
-
-constexpr char kParameter[] = "/use_sim_time";
-// Given to roscpp instead, so that it does not subscribe to the clock; nobody sets it.
-constexpr char kNoParameter[] = "/use_sim_time_of_roscpp_alone";
-
-// Asks the master directly, since roscpp remaps the name of the parameter.
-bool timeIsSimulated() {
-  XmlRpc::XmlRpcValue request, response, value;
-  request[0] = ros::this_node::getName();
-  request[1] = kParameter;
-  return ros::master::execute("getParam", request, response, value, false) &&
-         value.getType() == XmlRpc::XmlRpcValue::TypeBoolean && static_cast<bool>(value);
-}
-
-/// Sets a process's simulated time from /clock, ignoring times that ROS cannot compute with.
-///
-/// roscpp accepts any time. Sums and differences of times throw if they exceed 32 bits, also where
-/// the exception cannot be caught: one message would end the process. Times of 2^31 s and more, or
-/// with 10^9 ns or more, are dropped, counted and warned of. No effect without /use_sim_time.
-class ClockGate {
- public:
-  /// Calls ros::init() such that roscpp neither reads /use_sim_time nor subscribes to /clock.
-  static void init(int argc, char** argv, const std::string& name) {
-    std::string remapping = std::string(kParameter) + ":=" + kNoParameter;
-    std::vector<char*> arguments(argv, argv + argc);
-    arguments.push_back(remapping.data());
-    int count = static_cast<int>(arguments.size());
-    arguments.push_back(nullptr);
-    ros::init(count, arguments.data(), name);
-  }
-
-  /// Starts setting the time, in its own thread, if /use_sim_time is set. ROS must be up, and the
-  /// time must not have been read yet.
-  ClockGate() : spinner_(1, &queue_) {
-    if (!timeIsSimulated()) return;
-    ros::Time::setNow(ros::Time());  // until the first message
-    ros::NodeHandle node;
-    node.setCallbackQueue(&queue_);
-    subscriber_ = listen(node, names::kClock, 1, &ClockGate::onClock, this);
-    spinner_.start();
-  }
-  ~ClockGate() { spinner_.stop(); }
-
- private:
-  void onClock(const rosgraph_msgs::Clock::ConstPtr& message) {
-    const ros::Time& time = message->clock;
-    if (isSound(time)) {
-      ros::Time::setNow(time);
-    } else if (bad_times_.add()) {
-      logWarning(
-          "%s gives %u s and %u ns, beyond the range of ROS time (2^31 s): the message is ignored "
-          "(%lu times so far); stop the node that publishes it",
-          names::kClock, time.sec, time.nsec, bad_times_.total());
-    }
-  }
-
-  FaultCount bad_times_;
-  ros::CallbackQueue queue_;
-  ros::Subscriber subscriber_;
-  ros::AsyncSpinner spinner_;
 };
 
 const char* textOf(Reply answer) {
@@ -223,14 +159,13 @@ int runNode(int argc, char** argv, const std::string& name,
             const std::function<std::unique_ptr<Node>()>& make) {
   // Lines appear immediately in pipes and files, too.
   std::setvbuf(stdout, nullptr, _IOLBF, BUFSIZ);
-  ClockGate::init(argc, argv, name);
+  ros::init(argc, argv, name);
   EndWatch end_watch;
   const ros::NodeHandle started;  // waits for a master; keeps ROS up until faults are printed
   if (!ros::ok()) return kDone;
   LogThread log_thread;
   const EndRequest takes_over;
   return guarded([&]() -> int {
-    const ClockGate clock;
     MasterWatch master;
     const std::unique_ptr<Node> node = make();
     const int thrown = guarded([&] {

@@ -5,6 +5,7 @@
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/follow/path_check.hpp"
+#include "ros_bridge/common/guarded_callbacks.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
@@ -208,15 +209,13 @@ std::optional<GoalEnding> GoalWatch::picture(const Moment& moment, const Eigen::
                     basics::format("the measured tip is %.2f mm from the last point", 1e3 * error)};
 }
 
-std::optional<GoalEnding> refusalOf(const UnreadGoal& goal, double max_age) {
-  const ros::Time& start = goal.path_header.stamp;
+std::optional<GoalEnding> refusalOf(const Goal& goal, double max_age) {
+  const std::size_t points = goal.path.points.size();
+  const ros::Time& start = goal.path.header.stamp;
   const double age = start.isZero() ? 0.0 : secondsBetween(start, ros::Time::now());
   try {
-    basics::require(goal.points <= control::kMostWayPoints, "the path has ", goal.points,
+    basics::require(points <= control::kMostWayPoints, "the path has ", points,
                     " points; expected at most ", control::kMostWayPoints, ": send it in parts");
-    basics::require(goal.size <= kMostGoalBytes, "the goal has ", goal.size,
-                    " bytes; expected at most ", kMostGoalBytes,
-                    ": a point needs one transform, and at most one velocity");
     basics::require(-age <= kLatestStart, "the path starts in ", -age, " s; expected at most ",
                     kLatestStart, " s");
   } catch (const std::invalid_argument& fault) {
@@ -229,12 +228,10 @@ std::optional<GoalEnding> refusalOf(const UnreadGoal& goal, double max_age) {
           " s ago (header.stamp); send 0 to start at once, and synchronise the clocks"};
 }
 
-DecidedGoal decide(const UnreadGoal& goal, const lie::SE3& X_BF, const PathCheck& check,
+DecidedGoal decide(const Goal& goal, const lie::SE3& X_BF, const PathCheck& check,
                    const std::atomic<bool>& stop) {
   try {
-    Goal message;
-    CheckedStream(goal.bytes->data(), goal.size).next(message);
-    PathGoal out = checkedGoal(message, X_BF);
+    PathGoal out = checkedGoal(goal, X_BF);
     const double tolerance = out.rules.path_tolerance;
     const std::string why_not =
         check(out.path, std::isfinite(tolerance) ? tolerance : follow::kPathTolerance, stop);
@@ -246,27 +243,3 @@ DecidedGoal decide(const UnreadGoal& goal, const lie::SE3& X_BF, const PathCheck
 }
 
 }  // namespace helix_arm::ros_bridge
-
-namespace ros::serialization {
-
-void Serializer<helix_arm::ros_bridge::UnreadGoal>::read(
-    helix_arm::ros_bridge::CheckedStream& stream, helix_arm::ros_bridge::UnreadGoal& goal) {
-  using helix_arm::ros_bridge::kMostGoalBytes;
-  goal.size = static_cast<std::uint32_t>(stream.left());
-  const std::uint8_t* const begin = stream.advance(goal.size);
-  helix_arm::ros_bridge::CheckedStream head(begin, std::min(goal.size, kMostGoalBytes));
-  head.next(goal.path_header);
-  std::uint32_t names = 0, length = 0;
-  head.next(names);
-  if (names <= 1) {  // more are refused, whatever follows them
-    if (names == 1) {
-      head.next(length);
-      head.advance(length);
-    }
-    head.next(goal.points);
-  }
-  if (goal.size > kMostGoalBytes || goal.points > helix_arm::control::kMostWayPoints) return;
-  goal.bytes = std::make_shared<const std::vector<std::uint8_t>>(begin, begin + goal.size);
-}
-
-}  // namespace ros::serialization

@@ -17,15 +17,12 @@
 #include <variant>
 #include <vector>
 
-#include <ros/message_traits.h>
 #include <ros/time.h>
-#include <std_msgs/Header.h>
 
-#include "helix_arm/FollowTipPathAction.h"
+#include "helix_arm/FollowTipPathGoal.h"
 #include "helix_arm/FollowTipPathResult.h"
 #include "helix_arm/control/tip_path.hpp"
 #include "helix_arm/follow/visual_servo.hpp"
-#include "ros_bridge/common/guarded_callbacks.hpp"
 
 namespace helix_arm::ros_bridge {
 
@@ -118,34 +115,6 @@ struct PathGoal {
   std::optional<double> hold;  ///< of the last point [s]; nothing: the default
 };
 
-/// Largest goal [bytes]: kMostWayPoints points, each with a transform, a velocity and an
-/// acceleration, have 17.2 MB.
-inline constexpr std::uint32_t kMostGoalBytes = 20'000'000;
-
-/// A FollowTipPathGoal as it arrives. The thread that receives it is that of the loop's turns, and
-/// a path has up to kMostWayPoints points, each with three arrays. So only the head of the path is
-/// read; the rest stays bytes for another thread.
-struct UnreadGoal {
-  std_msgs::Header path_header;
-  std::uint32_t points = 0;  ///< number that the path claims; 0 after more than one joint name
-  std::uint32_t size = 0;    ///< of the goal [bytes]
-  /// The goal; null if it breaks kMostGoalBytes or control::kMostWayPoints.
-  std::shared_ptr<const std::vector<std::uint8_t>> bytes;
-};
-
-/// FollowTipPathActionGoal and FollowTipPathAction, for an action server.
-struct UnreadActionGoal {
-  using _goal_type = UnreadGoal;
-  std_msgs::Header header;
-  actionlib_msgs::GoalID goal_id;
-  UnreadGoal goal;
-};
-struct UnreadPathAction {
-  using _action_goal_type = UnreadActionGoal;
-  using _action_result_type = FollowTipPathActionResult;
-  using _action_feedback_type = FollowTipPathActionFeedback;
-};
-
 /// What a goal becomes: to be followed, or refused.
 using DecidedGoal = std::variant<PathGoal, GoalEnding>;
 
@@ -154,16 +123,16 @@ using DecidedGoal = std::variant<PathGoal, GoalEnding>;
 using PathCheck = std::function<std::string(const control::TipPath& path, double tolerance,
                                             const std::atomic<bool>& stop)>;
 
-/// Why a goal is refused by its head: its size, or its start. Takes no longer for more points.
+/// Why a goal is refused by the number of its points, or by its start.
 /// @param max_age  age of the start that still counts as now, > 0 [s].
-std::optional<GoalEnding> refusalOf(const UnreadGoal& goal, double max_age);
+std::optional<GoalEnding> refusalOf(const FollowTipPathGoal& goal, double max_age);
 
-/// Reads a goal that refusalOf() does not refuse, converts it and checks its path.
+/// Converts a goal that refusalOf() does not refuse, and checks its path.
 /// @param X_BF  place of the path's frame F, seen from the base frame B.
-DecidedGoal decide(const UnreadGoal& goal, const lie::SE3& X_BF, const PathCheck& check,
+DecidedGoal decide(const FollowTipPathGoal& goal, const lie::SE3& X_BF, const PathCheck& check,
                    const std::atomic<bool>& stop);
 
-/// Reads and checks one goal after the other in threads of its own, at most kMostThreads at a time.
+/// Checks one goal after the other in threads of its own, at most kMostThreads at a time.
 ///
 /// A check that is replaced or discarded is told to stop, and nobody waits for it. While too many
 /// have not stopped yet, the present check waits; if it is replaced meanwhile, it never runs.
@@ -241,28 +210,3 @@ class PathChecker {
 };
 
 }  // namespace helix_arm::ros_bridge
-
-namespace ros::message_traits {
-
-template <>
-struct MD5Sum<helix_arm::ros_bridge::UnreadActionGoal>
-    : MD5Sum<helix_arm::FollowTipPathActionGoal> {};
-template <>
-struct DataType<helix_arm::ros_bridge::UnreadActionGoal>
-    : DataType<helix_arm::FollowTipPathActionGoal> {};
-
-}  // namespace ros::message_traits
-
-namespace ros::serialization {
-
-template <>
-struct Serializer<helix_arm::ros_bridge::UnreadGoal> {
-  static void read(helix_arm::ros_bridge::CheckedStream& stream,
-                   helix_arm::ros_bridge::UnreadGoal& goal);
-};
-
-template <>
-struct Serializer<helix_arm::ros_bridge::UnreadActionGoal>
-    : helix_arm::ros_bridge::GoalSerializer<helix_arm::ros_bridge::UnreadActionGoal> {};
-
-}  // namespace ros::serialization

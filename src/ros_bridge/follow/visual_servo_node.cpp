@@ -4,6 +4,7 @@
 #include <std_srvs/SetBool.h>
 #include <std_srvs/Trigger.h>
 
+#include "helix_arm/FollowTipPathAction.h"
 #include "helix_arm/SafetyState.h"
 #include "helix_arm/ShapeTarget.h"
 #include "helix_arm/basics/quote.hpp"
@@ -376,8 +377,7 @@ follow::OnContact reactionTo(std::uint8_t on_contact, follow::OnContact usual) {
 ///
 /// A new goal replaces the running one once it is accepted, and one whose path is still being
 /// checked at once. A running goal holds the lease of the loop's commanders. All of it belongs to
-/// the thread of the node's callback queue, except what a PathChecker does: it reads the points of
-/// a goal and checks its path.
+/// the thread of the node's callback queue, except what a PathChecker does: it checks the path.
 class FollowAction {
  public:
   /// Longest time for which hardware stands at the last place of a goal [s].
@@ -476,7 +476,7 @@ class FollowAction {
   }
 
  private:
-  using Server = actionlib::ActionServer<UnreadPathAction>;
+  using Server = actionlib::ActionServer<FollowTipPathAction>;
   using Handle = Server::GoalHandle;
 
   /// An accepted goal.
@@ -488,11 +488,11 @@ class FollowAction {
   };
 
   void onGoal(Handle handle) {
-    const UnreadGoal goal = *handle.getGoal();
-    if (const auto refusal = refusalOf(goal, scene_.safety.rules.target_timeout)) {
+    const auto goal = handle.getGoal();
+    if (const auto refusal = refusalOf(*goal, scene_.safety.rules.target_timeout)) {
       return reject(handle, *refusal);
     }
-    const std::string& frame = goal.path_header.frame_id;
+    const std::string& frame = goal->path.header.frame_id;
     const auto found = frames_.find(frame);
     const auto* const place = std::get_if<FrameLookup::Place>(&found);
     if (place == nullptr || !place->fixed) {
@@ -512,9 +512,9 @@ class FollowAction {
       discardCandidate();
     }
     checker_.begin([goal, X_BF = place->X_BF, check = pathCheck()](const std::atomic<bool>& stop) {
-      return decide(goal, X_BF, check, stop);
+      return decide(*goal, X_BF, check, stop);
     });
-    client_.watchNext(*handle.getGoal());
+    client_.watchNext(*goal);
     candidate_ = std::move(handle);
   }
 
@@ -659,8 +659,8 @@ class FollowAction {
   PathChecker checker_;
   std::optional<Run> run_;
   std::optional<ros::SteadyTime> hold_since_;
-  double hold_time_ = 0.0;               ///< [s]
-  GoalClient<UnreadActionGoal> client_;  ///< of the running goal and of the candidate
+  double hold_time_ = 0.0;                      ///< [s]
+  GoalClient<FollowTipPathActionGoal> client_;  ///< of the running goal and of the candidate
   FaultGuard guard_{"a goal of follow_tip_path"};
   std::unique_ptr<Server> server_;  ///< last: its callbacks use all of the above
 };
@@ -699,7 +699,7 @@ struct VisualServoOptions {
 /// pressure_command for rest, goals, holds and targets end. After the hold of a goal, and where the
 /// node is asked to end, it asks pressure_command for rest.
 ///
-/// All of it runs in the main thread, except that goals are read and their paths checked in others.
+/// All of it runs in the main thread, except that the paths of goals are checked in others.
 class VisualServoNode : public Node {
  public:
   VisualServoNode() {
@@ -779,7 +779,7 @@ class VisualServoNode : public Node {
     }
   }
 
-  bool onCloseLoop(SetBool::Request& request, SetBool::Response& response) {
+  bool onCloseLoop(const SetBool::Request& request, SetBool::Response& response) {
     closes_ = request.data;
     loop_.close(closes_);
     response.success = true;
@@ -789,7 +789,7 @@ class VisualServoNode : public Node {
     return true;
   }
 
-  bool onReset(Trigger::Request&, Trigger::Response& response) {
+  bool onReset(const Trigger::Request&, Trigger::Response& response) {
     loop_.reset();
     loop_.distrustModel(false);
     suspects_.emplace(scene_);

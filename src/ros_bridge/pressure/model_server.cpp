@@ -80,7 +80,7 @@ void ModelServer::adopt(const statics::ArmModel& model) {
   model_ = std::move(next);
 }
 
-bool ModelServer::onForward(Forward::Request& request, Forward::Response& response) {
+bool ModelServer::onForward(const Forward::Request& request, Forward::Response& response) {
   return answer(response, [&] {
     const auto model = this->model();
     const Table pressure =
@@ -101,7 +101,7 @@ bool ModelServer::onForward(Forward::Request& request, Forward::Response& respon
   });
 }
 
-bool ModelServer::onInverse(Inverse::Request& request, Inverse::Response& response) {
+bool ModelServer::onInverse(const Inverse::Request& request, Inverse::Response& response) {
   return answer(response, [&] {
     const auto model = this->model();
     const int n = model->arm().actuatorCount(), starts = request.start.empty() ? 0 : 1;

@@ -37,9 +37,9 @@ class ModelServer {
   void adopt(const statics::ArmModel& model) HELIX_ARM_EXCLUDES(mutex_);
 
  private:
-  bool onForward(Forward::Request& request, Forward::Response& response);
+  bool onForward(const Forward::Request& request, Forward::Response& response);
 
-  bool onInverse(Inverse::Request& request, Inverse::Response& response);
+  bool onInverse(const Inverse::Request& request, Inverse::Response& response);
 
   std::shared_ptr<const statics::ArmModel> model() const HELIX_ARM_EXCLUDES(mutex_);
 

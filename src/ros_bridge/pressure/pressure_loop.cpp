@@ -221,7 +221,7 @@ PressureLoop::Snapshot PressureLoop::snapshot() const {
   return out;
 }
 
-bool PressureLoop::onEnable(Trigger::Request&, Trigger::Response& response) {
+bool PressureLoop::onEnable(const Trigger::Request&, Trigger::Response& response) {
   const regulator::PriorityLock lock(mutex_);
   const double now = steadyNow();
   const std::string refusal = path_.enable(now);
@@ -232,8 +232,9 @@ bool PressureLoop::onEnable(Trigger::Request&, Trigger::Response& response) {
   return true;
 }
 
-bool PressureLoop::onRest(const std::string& caller, Trigger::Request&,
-                          Trigger::Response& response) {
+bool PressureLoop::onRest(ros::ServiceEvent<Trigger::Request, Trigger::Response>& call) {
+  const std::string& caller = call.getCallerName();
+  Trigger::Response& response = call.getResponse();
   const regulator::PriorityLock lock(mutex_);
   const double now = steadyNow();
   response.success = path_.core().rest(now);
@@ -244,7 +245,7 @@ bool PressureLoop::onRest(const std::string& caller, Trigger::Request&,
   return true;
 }
 
-bool PressureLoop::onVent(Trigger::Request&, Trigger::Response& response) {
+bool PressureLoop::onVent(const Trigger::Request&, Trigger::Response& response) {
   const regulator::PriorityLock lock(mutex_);
   const double now = steadyNow();
   path_.core().vent(now);
@@ -254,7 +255,7 @@ bool PressureLoop::onVent(Trigger::Request&, Trigger::Response& response) {
   return true;
 }
 
-bool PressureLoop::onStop(SetBool::Request& request, SetBool::Response& response) {
+bool PressureLoop::onStop(const SetBool::Request& request, SetBool::Response& response) {
   const regulator::PriorityLock lock(mutex_);
   const double now = steadyNow();
   path_.core().emergencyStop(now, request.data);

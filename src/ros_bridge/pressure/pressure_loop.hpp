@@ -98,10 +98,10 @@ class PressureLoop {
   using Trigger = std_srvs::Trigger;
   using SetBool = std_srvs::SetBool;
 
-  bool onEnable(Trigger::Request&, Trigger::Response& response);
-  bool onRest(const std::string& caller, Trigger::Request&, Trigger::Response& response);
-  bool onVent(Trigger::Request&, Trigger::Response& response);
-  bool onStop(SetBool::Request& request, SetBool::Response& response);
+  bool onEnable(const Trigger::Request&, Trigger::Response& response);
+  bool onRest(ros::ServiceEvent<Trigger::Request, Trigger::Response>& call);
+  bool onVent(const Trigger::Request&, Trigger::Response& response);
+  bool onStop(const SetBool::Request& request, SetBool::Response& response);
   void onReading(const PressureArrayConstPtr& reading);
 
   void turn(double now) HELIX_ARM_REQUIRES(mutex_);

@@ -22,7 +22,9 @@ TargetIntake::TargetIntake(ros::NodeHandle node, const io::Scene& scene, std::st
                    listen(node, names::kShapeTarget, 10, &TargetIntake::onShapeTarget, this),
                    listen(node, names::kTipTarget, 10, &TargetIntake::onTipTarget, this)} {}
 
-void TargetIntake::takeFromHandle(const TipTarget& target) { aimTip(TargetSender(target.header.stamp), target); }
+void TargetIntake::takeFromHandle(const TipTarget& target) {
+  aimTip(TargetSender(target.header.stamp), target);
+}
 
 void TargetIntake::adopt() {
   admission_.adopt();

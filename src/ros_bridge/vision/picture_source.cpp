@@ -42,7 +42,7 @@ std::string readSource(ParameterReader& reader) {
   const bool is_word = std::find(words.begin(), words.end(), source) != words.end();
   std::error_code fault;  // counts as not there
   if (!is_word && !source.empty() &&
-      (io::isPath(source) || std::filesystem::exists(callersFolder() / source, fault))) {
+      (io::isPath(source) || std::filesystem::exists(source, fault))) {
     return reader.absolute("source", source);
   }
   words.emplace_back("a path (with a / or a ., or of what is there)");
