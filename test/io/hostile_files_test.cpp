@@ -17,6 +17,7 @@
 #include "support/bounded_child.hpp"
 #include "support/random.hpp"
 #include "support/temporary_folder.hpp"
+#include "support/test_size.hpp"
 
 namespace helix_arm::io {
 namespace {
@@ -183,6 +184,7 @@ void expectBounded(const std::string& what, const std::string& text,
 }
 
 TEST(HostileFiles, TablesAreReadInBoundedMemory) {
+  if (!test::isFullSize()) GTEST_SKIP() << test::kFullSizeOnly;
   const auto load = [](const std::string& path) {
     return messageOf([](const std::string& file) { loadDataSet(file); }, path);
   };

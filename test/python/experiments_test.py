@@ -15,7 +15,7 @@ from scipy.optimize import brentq
 from helix_arm.experiments import EXPERIMENTS, Recording, iso9283, read_series, step
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
-from test_size import is_full_size
+from test_size import full_size_only
 
 DATA = Path("/work/shared/data")
 COMMAND = None
@@ -172,11 +172,11 @@ class RunTest(unittest.TestCase):
         self.assertEqual(refused.returncode, 2)
         self.assertIn(b"is of another scene, rig, protocol or seed; choose another --out", refused.stderr)
 
+    @full_size_only
     def test_all_resumes_where_it_was_killed(self):
         call = ("all", "demo", "--actuators", "muscle_1", "--repeats", "2", "--hold-s", "0.5")
         whole, out = self.out / "whole", self.out / "killed"
-        if is_full_size():
-            subprocess.run(self.words(whole, call=call), stdout=subprocess.DEVNULL, check=True)
+        subprocess.run(self.words(whole, call=call), stdout=subprocess.DEVNULL, check=True)
         self.assertEqual(self.interrupted(self.words(out, call=call), out / "raw/bode-*.part.csv", signal.SIGKILL)[1], -signal.SIGKILL)
         self.assertFalse((out / "all.json").exists())
         kept = {path: path.stat().st_mtime_ns for path in (out / "raw").glob("*.csv") if ".part." not in path.name}
@@ -185,8 +185,7 @@ class RunTest(unittest.TestCase):
         self.assertEqual({path: path.stat().st_mtime_ns for path in kept}, kept)
         figures = json.loads((out / "all.json").read_text())["figures"]
         self.assertGreater(len(figures), 20)
-        if is_full_size():
-            self.assertEqual(figures, json.loads((whole / "all.json").read_text())["figures"])
+        self.assertEqual(figures, json.loads((whole / "all.json").read_text())["figures"])
 
 
 if __name__ == "__main__":

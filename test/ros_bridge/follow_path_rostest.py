@@ -114,6 +114,7 @@ class FollowTipPath(LoopRig):
         self.assertEqual(self.client.get_state(), GoalStatus.PREEMPTED)
         self.assert_ends(FollowTipPathResult.SUCCESSFUL, client=other)
 
+    @full_size_only
     def test_a_goal_of_any_size_does_not_stop_the_one_that_runs(self):
         """Reading a million points takes longer than safety.target_timeout_s."""
         self.send(goal_along([MIDDLE, BESIDE], 60.0))
@@ -162,6 +163,7 @@ class FollowTipPath(LoopRig):
         self.assertEqual(len(self.sent), sent, "it goes on commanding")
         self.assertEqual(self.safety[-1].state, SafetyState.DISABLED, self.safety[-1])
 
+    @full_size_only
     def test_a_rest_aborts_the_goal_and_the_next_one_counts_at_once(self):
         self.send(goal_along([MIDDLE, BESIDE], 20.0))
         self.assert_under_way()
