@@ -145,7 +145,7 @@ class Package:
         for path in (root / "test").rglob("*.cpp"):
             self.cases |= set(re.findall(r"^(?:TYPED_)?TEST(?:_[FP])?\((\w+),\s*(\w+)\)", path.read_text(encoding="utf-8"), re.M))
         self.parameters = set()
-        for path in (*(root / "src/ros_bridge").rglob("*.cpp"), *(root / "python").rglob("*.py")):
+        for path in (*(root / "src/ros_bridge").rglob("*.[ch]pp"), *(root / "python").rglob("*.py")):
             self.parameters |= set(re.findall(r'reader\.\w+\(\s*"(\w+)"', path.read_text(encoding="utf-8")))
 
     def ros_names(self):
