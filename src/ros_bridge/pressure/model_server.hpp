@@ -38,9 +38,7 @@ class ModelServer {
 
  private:
   bool onForward(const Forward::Request& request, Forward::Response& response);
-
   bool onInverse(const Inverse::Request& request, Inverse::Response& response);
-
   std::shared_ptr<const statics::ArmModel> model() const HELIX_ARM_EXCLUDES(mutex_);
 
   /// Warns once of a call whose pressures seem to be in kPa.

@@ -54,11 +54,9 @@ class PressureCommandNode : public Node {
   void tellTier() const;
   /// Tells each new error of the line once.
   void tellLineError(const regulator::IoStatus& line);
-
   void requireSameRegulator(const io::Scene& next) const;
   void adopt(io::Scene next);
   void replaceGuard();
-
   void onDraw(const ros::SteadyTimerEvent&);
   void onDiagnose(const ros::SteadyTimerEvent&);
   /// WARN if the loop was slower than wanted since the last call.

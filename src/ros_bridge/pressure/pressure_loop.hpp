@@ -103,12 +103,10 @@ class PressureLoop {
   bool onVent(const Trigger::Request&, Trigger::Response& response);
   bool onStop(const SetBool::Request& request, SetBool::Response& response);
   void onReading(const PressureArrayConstPtr& reading);
-
   void turn(double now) HELIX_ARM_REQUIRES(mutex_);
   void publish(double now) HELIX_ARM_REQUIRES(mutex_);
   void noteChanges(const ros::Time& stamp) HELIX_ARM_REQUIRES(mutex_);
   void post(Reading reading) HELIX_ARM_REQUIRES(mutex_);
-
   void run();
   void takeWaiting() HELIX_ARM_EXCLUDES(mutex_);
 

@@ -55,7 +55,6 @@ class VisionNode : public Node {
   void onSecond(const ros::SteadyTimerEvent&) { status_.report(scene_); }
 
   void adopt(io::Scene next);
-
   void sendCameraFrame();
 
   // In the thread that failed.
@@ -63,9 +62,7 @@ class VisionNode : public Node {
 
   // Thread of the measurements.
   void work();
-
   void measure(const Picture& picture);
-
   void publish(const Measurement& measurement);
 
   /// From any thread: ends the threads, and all waits.

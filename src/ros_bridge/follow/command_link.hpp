@@ -1,0 +1,91 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <optional>
+#include <string>
+
+#include <ros/node_handle.h>
+#include <ros/time.h>
+
+#include "helix_arm/PressureArray.h"
+#include "helix_arm/SafetyState.h"
+#include "helix_arm/TargetStatus.h"
+#include "helix_arm/control/target_check.hpp"
+#include "helix_arm/io/scene.hpp"
+#include "ros_bridge/common/client_watch.hpp"
+#include "ros_bridge/common/diagnostics.hpp"
+
+namespace helix_arm::ros_bridge {
+
+/// The loop as one commander of pressure_command among others: sends it pressures, and knows
+/// whether the arm follows them.
+///
+/// Before the arm follows, targets that keep it where it is are sent: they enable a simulated arm,
+/// wait for the lease of a commander that yields, and are refused without a motion. Nothing here
+/// enables an arm that its targets do not. For the thread of the node's callback queue.
+class CommandLink {
+ public:
+  /// @param scene  Its arm and safety rules are used. Kept by reference.
+  CommandLink(ros::NodeHandle& node, const io::Scene& scene)
+      : scene_(scene),
+        target_publisher_(node.advertise<PressureArray>(names::kPressureTarget, 10)),
+        command_subscriber_(
+            listen(node, names::kPressureCommand, 10, &CommandLink::onCommand, this)),
+        safety_subscriber_(listen(node, names::kSafetyState, 10, &CommandLink::onSafety, this)),
+        status_subscriber_(listen(node, names::kTargetStatus, 100, &CommandLink::onStatus, this)) {}
+
+  /// Whether the arm is enabled and follows this node, by the last messages.
+  bool follows() const { return speaks_ && accepted_ && enabled_ && isFresh(); }
+  /// (n) last pressure_command, in force since about that time; nothing before the first [Pa].
+  const std::optional<Eigen::VectorXd>& setPoint() const { return set_point_; }
+
+  /// Sends (n) pressures inside the limits [Pa].
+  void send(const Eigen::VectorXd& pressure);
+  /// Sends a target that keeps the arm where it is.
+  void ask();
+  /// Sends nothing from now on. Without another commander the arm then vents, as after a fault.
+  void fallSilent();
+  /// Sends nothing from now on, and asks for rest once the last target is answered: the loop is
+  /// done. Until it sends again, or another commands the arm.
+  void rest();
+  /// Asks for the rest that is due, or tells that it knows of the rest that somebody else asked
+  /// for: until then it sends nothing. To be called regularly; waits for the answer.
+  void restIfDue();
+  /// Commands the arm, may do so once it answers, or is to bring it to rest.
+  bool isBusy() const { return follows() || rests_ || (speaks_ && trace_.awaitsAnswer()); }
+
+  /// Whether the arm was enabled since the last call.
+  bool takeEnabling() { return std::exchange(was_enabled_anew_, false); }
+
+  /// Why the arm does not follow, where waiting does not help; nothing while it follows or may yet.
+  std::optional<control::Refusal> refusal() const;
+  /// Why the arm does not follow now.
+  std::string whyNot() const;
+
+ private:
+  void onCommand(const PressureArrayConstPtr& command);
+  void onSafety(const SafetyStateConstPtr& state);
+  void onStatus(const TargetStatusConstPtr& status);
+  bool isFresh() const;
+
+  const io::Scene& scene_;
+  std::optional<Eigen::VectorXd> set_point_;
+  ros::SteadyTime last_command_;  ///< zero: none yet
+  bool enabled_ = false;
+  bool was_enabled_anew_ = false;
+  std::string safety_reason_;  ///< empty: safety_state has not come yet
+
+  bool speaks_ = false;         ///< targets are sent
+  ros::Time first_stamp_;       ///< of them; answers to earlier ones do not count
+  bool accepted_ = false;       ///< by the last answer to them
+  ros::SteadyTime asks_since_;  ///< targets are sent that the arm does not follow
+  std::optional<control::Refusal> passing_, lasting_;  ///< last refusals
+  CommandTrace trace_;
+  bool rests_ = false;  ///< rest is asked for when the last target is answered
+  FaultCount bad_commands_;
+
+  ros::Publisher target_publisher_;
+  ros::Subscriber command_subscriber_, safety_subscriber_, status_subscriber_;
+};
+
+}  // namespace helix_arm::ros_bridge

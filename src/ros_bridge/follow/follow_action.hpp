@@ -1,0 +1,116 @@
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+
+#include <actionlib/server/action_server.h>
+#include <ros/node_handle.h>
+#include <ros/time.h>
+
+#include "command_link.hpp"
+#include "helix_arm/FollowTipPathAction.h"
+#include "helix_arm/follow/visual_servo.hpp"
+#include "helix_arm/io/scene.hpp"
+#include "helix_arm/procedures/suspect_watch.hpp"
+#include "loop_targets.hpp"
+#include "path_goal.hpp"
+#include "ros_bridge/common/arm_frames.hpp"
+#include "ros_bridge/common/client_watch.hpp"
+#include "ros_bridge/common/diagnostics.hpp"
+
+namespace helix_arm::ros_bridge {
+
+/// Serves the action ~follow_tip_path: has a goal checked, lets the loop follow its path, and
+/// decides how it ends. Afterwards the last wanted place is held for a time.
+///
+/// A goal lives as long as the node that sent it. Where that is gone, the goal is aborted and
+/// nothing is held, so that the arm vents. On hardware, a place is held for kLongestHold at most.
+///
+/// A new goal replaces the running one once it is accepted, and one whose path is still being
+/// checked at once. A running goal holds the lease of the loop's commanders. All of it belongs to
+/// the thread of the node's callback queue, except what a PathChecker does: it checks the path.
+class FollowAction {
+ public:
+  /// Longest time for which hardware stands at the last place of a goal [s].
+  static constexpr double kLongestHold = 60.0;
+
+  /// @param scene, frames, targets, loop, link, suspects  Outlive this.
+  FollowAction(ros::NodeHandle& private_node, const io::Scene& scene, const FrameLookup& frames,
+               LoopTargets& targets, follow::VisualServo& loop, const CommandLink& link,
+               const std::optional<procedures::SuspectWatch>& suspects);
+
+  /// A goal runs, or waits for its start or for the arm.
+  bool runs() const { return run_.has_value(); }
+  /// The arm is to be commanded: a goal runs, or its last place is held.
+  bool wants() const { return run_.has_value() || isHeld(); }
+  /// Whether a hold has run out since the last call.
+  bool takeEndOfHold() { return !wants() && std::exchange(hold_since_, std::nullopt); }
+  /// No longer holds the last place of a goal: another command has come.
+  void endHold() { hold_since_.reset(); }
+
+  /// Before each turn of the loop: takes goals up and begins paths. @param time  of the turn [s].
+  void prepare(double time);
+
+  /// After a turn in which the loop commands.
+  void watch(double time, const follow::Turn& turn);
+
+  /// After a picture that the loop used.
+  /// @param X_BT            measured tip.
+  /// @param tip_covariance  of the predicted tip's position, base frame [m^2].
+  void picture(const ros::Time& stamp, const lie::SE3& X_BT, const Eigen::Matrix3d& tip_covariance);
+
+  /// The arm cannot be commanded: refuses or aborts the goal, and ends a hold.
+  void abandon(const std::string& reason);
+
+ private:
+  using Server = actionlib::ActionServer<FollowTipPathAction>;
+  using Handle = Server::GoalHandle;
+
+  /// An accepted goal.
+  struct Run {
+    Handle handle;
+    PathGoal goal;
+    GoalWatch watch;
+    bool follows = false;  ///< the arm follows its path
+  };
+
+  void onGoal(Handle handle);
+  void onCancel(Handle handle);
+  static void reject(Handle& handle, const GoalEnding& refusal);
+  void discardCandidate();
+  void takeCandidate();
+  void begin(double time);
+
+  // With copies of the present state, since the check runs in another thread.
+  PathCheck pathCheck() const;
+
+  // What is wrong with the arm comes before what it brought about.
+  void endWatched(GoalEnding ending);
+  void end(const GoalEnding& ending);
+  void cancel(const std::string& reason);
+  FollowTipPathResult resultOfRun(const GoalEnding& ending) const;
+
+  // The last position is held if the arm was moved there.
+  void leave();
+  bool isHeld() const;
+  /// Longest time for which a place may be held [s].
+  double longestHold() const;
+
+  const io::Scene& scene_;
+  const FrameLookup& frames_;
+  LoopTargets& targets_;
+  follow::VisualServo& loop_;
+  const CommandLink& link_;
+  const std::optional<procedures::SuspectWatch>& suspects_;
+  std::optional<Handle> candidate_;  ///< its goal is being checked
+  PathChecker checker_;
+  std::optional<Run> run_;
+  std::optional<ros::SteadyTime> hold_since_;
+  double hold_time_ = 0.0;                      ///< [s]
+  GoalClient<FollowTipPathActionGoal> client_;  ///< of the running goal and of the candidate
+  FaultGuard guard_{"a goal of follow_tip_path"};
+  std::unique_ptr<Server> server_;  ///< last: its callbacks use all of the above
+};
+
+}  // namespace helix_arm::ros_bridge
