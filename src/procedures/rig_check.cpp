@@ -13,7 +13,6 @@
 #include "helix_arm/basics/median.hpp"
 #include "helix_arm/basics/pi.hpp"
 #include "helix_arm/basics/text.hpp"
-#include "helix_arm/io/load_arm.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/localization/arm_view.hpp"
 #include "helix_arm/localization/placed_view.hpp"
@@ -23,6 +22,7 @@
 #include "helix_arm/procedures/unrolled_tags.hpp"
 #include "helix_arm/regulator/config.hpp"
 #include "helix_arm/simulation/simulated_vision.hpp"
+#include "helix_arm/statics/load.hpp"
 #include "helix_arm/statics/tier.hpp"
 
 namespace helix_arm::procedures {
@@ -90,11 +90,60 @@ void checkCurves(const io::Scene& scene, std::vector<Finding>& findings) {
   }
 }
 
+// In squares of the ring's radius: pressure then bends the section by 1 % of what its ring allows.
+constexpr double kMostBending = 100;
+// In forces that the pressure range has on the cross-section of a muscle.
+constexpr double kLeastExtensional = 0.02, kMostExtensional = 1000;
+
+void checkBending(const std::string& section, double K_kappa, double radius,
+                  std::vector<Finding>& findings) {
+  const double square = radius * radius;
+  if (square == 0 || K_kappa <= kMostBending * square) return;
+  const bool is_mm = 1e-6 * K_kappa > 0.01 * square;
+  findings.push_back({Severity::kFault, "K_kappa", section,
+                      "its K_kappa_m2 is " + figure(K_kappa) + " m^2; expected at most " +
+                          figure(kMostBending * square) + ", 100 times the ring's radius squared",
+                      "give it in m^2: " + figure((is_mm ? 1e-6 : 1e-4) * K_kappa) +
+                          " if it is in " + (is_mm ? "mm^2" : "cm^2")});
+}
+
+void checkExtensional(const std::string& section, double K_eps, double least, double most,
+                      std::vector<Finding>& findings) {
+  if (K_eps >= least && K_eps <= most) return;
+  const bool low = K_eps < least;
+  findings.push_back({Severity::kFault, "K_eps", section,
+                      "its K_eps_n is " + figure(K_eps) + " N; expected " + figure(least) + " to " +
+                          figure(most) +
+                          ", from the pressures and the cross-section of a muscle, and the load",
+                      "give it in N: " + figure((low ? 1e3 : 1e-3) * K_eps) + " if it is in " +
+                          (low ? "kN" : "mN") + "; check muscle_radius_m and load"});
+}
+
 void checkStiffness(const io::Scene& scene, std::vector<Finding>& findings) {
-  for (const io::StiffnessDoubt& one :
-       io::stiffnessDoubts(scene.arm, scene.looks, scene.model.load())) {
-    findings.push_back({Severity::kWarning, one.key.substr(0, one.key.rfind('_')), one.section,
-                        "its " + one.key + " is " + one.value, one.remedy});
+  const std::optional<statics::Load>& load = scene.model.load();
+  Eigen::Vector3d pull = Eigen::Vector3d::Zero();
+  if (load) {
+    for (const double mass : load->mass) pull += mass * load->gravity;
+    for (const statics::PointLoad& point : load->points) pull += load->forceOf(point);
+  }
+  for (int k = 0; k < scene.arm.sectionCount(); ++k) {
+    const io::SectionLook& look = scene.looks[static_cast<std::size_t>(k)];
+    const int begin = scene.arm.firstActuator(k), end = scene.arm.firstActuator(k + 1);
+    double radius = 0, K_kappa = 0, force = 0;
+    for (int i = begin; i < end; ++i) {
+      const model::Actuator& actuator = scene.arm.actuator(i);
+      radius = std::max(radius, actuator.X_O.translation.norm());
+      K_kappa = std::max(K_kappa, actuator.stiffness.kappa);
+      if (!model::isPressure(actuator.drive)) continue;
+      force = std::max(force, (actuator.limits.upper - actuator.limits.lower) * basics::kPi *
+                                  std::pow(look.muscle_radius, 2));
+    }
+    checkBending(look.name, K_kappa, radius, findings);
+    if (!load || force == 0) continue;
+    // A load that doubles the length of the muscles that bear it is none of this arm.
+    checkExtensional(look.name, load->K_eps[static_cast<std::size_t>(k)],
+                     std::max(kLeastExtensional * force, pull.norm() / (end - begin)),
+                     kMostExtensional * force, findings);
   }
 }
 

@@ -23,7 +23,7 @@ constexpr char kNoSuchRegister = 2, kNoSuchNumber = 3;
 // Where a request has its length, the function, the first register, and their number or value.
 constexpr std::size_t kLength = 4, kFunction = 7, kFirst = 8, kCount = 10, kWords = 13;
 
-constexpr double kWrongUnit = 10;  // kPa in the place of millibar
+constexpr double kWrongUnit = 0.1;  // kPa in the place of millibar
 constexpr int kHighestRegister = 0xffff;
 
 int slotsOf(const regulator::ModbusProfile& profile, const EmulatedDeviceConfig& config) {
@@ -217,9 +217,10 @@ class ModbusEmulation : public Emulation {
   // Updates the input registers.
   void measure() {
     const Eigen::VectorXd reading = readings();
+    const double factor = fault_ == DeviceFault::kWrongUnit ? kWrongUnit : 1.0;
     const auto number = [&](double pressure) {
       if (std::isnan(pressure)) return static_cast<std::uint16_t>(regulator::kNoReading);
-      const double count = std::round((pressure + profile_.atmosphere) / unit());
+      const double count = std::round(factor * (pressure + profile_.atmosphere) / profile_.pascals);
       return static_cast<std::uint16_t>(
           static_cast<std::int16_t>(std::clamp(count, -32767., 32767.)));
     };
@@ -255,14 +256,10 @@ class ModbusEmulation : public Emulation {
     regulate();
   }
 
-  // Unit of a count, in both directions [Pa].
-  double unit() const {
-    return fault_ == DeviceFault::kWrongUnit ? kWrongUnit * profile_.pascals : profile_.pascals;
-  }
   int slots() const { return static_cast<int>(slots_.size()); }
   // Set point as written [Pa].
   double ordered(int place) const {
-    return holding_[profile_.setPoint(place)] * unit() - profile_.atmosphere;
+    return holding_[profile_.setPoint(place)] * profile_.pascals - profile_.atmosphere;
   }
   bool runs(int place) const {
     return !profile_.app || slots_[profile_.slot(place)].app == App::kRunning;

@@ -1,6 +1,5 @@
 #pragma once
 
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -25,18 +24,5 @@ struct SceneArm {
 /// Needs Eigen and yaml-cpp alone (library helix_arm::core).
 /// @throws DocumentError with all faults: `file:line key value rule`.
 SceneArm loadArm(const std::string& path, const std::vector<Override>& overrides = {});
-
-/// A stiffness out of proportion to the ring, the pressures, the muscles and the load of its
-/// section, as one in another unit is.
-struct StiffnessDoubt {
-  std::string section, key;   ///< "K_kappa_m2"
-  std::string value, remedy;  ///< "98 m^2; expected at most 0.04", "give it in m^2: .."
-};
-/// @param load   nothing: K_eps is not judged.
-/// @param slack  factor by which the bounds are wider; loading a scene refuses what exceeds 2.
-std::vector<StiffnessDoubt> stiffnessDoubts(const model::Arm& arm,
-                                            const std::vector<SectionLook>& looks,
-                                            const std::optional<statics::Load>& load,
-                                            double slack = 1);
 
 }  // namespace helix_arm::io

@@ -72,11 +72,12 @@ class Emulation;
 /// limit of the range.
 ///
 /// Faults: kHalfLine omits the second half of every answer; kGarbage replaces it by random bytes;
-/// kWrongUnit takes and answers numbers in another unit, with Modbus one ten times as large (kPa
-/// for millibar); kNanText reads regulator::kNoReading in registers; kSlow answers after two and a
-/// half times the profile's timeout, one after the other, and what is still owed at once when the
-/// fault ends. kRestart gives a terminal another path, and closes all sockets for a moment. After
-/// kSilence, all sockets are closed and what was sent meanwhile is lost.
+/// kWrongUnit takes and answers numbers in another unit; registers are still written in the
+/// profile's, and read a tenth (kPa for millibar); kNanText reads
+/// regulator::kNoReading in registers; kSlow answers after two and a half times the profile's
+/// timeout, one after the other, and what is still owed at once when the fault ends. kRestart gives
+/// a terminal another path, and closes all sockets for a moment. After kSilence, all sockets are
+/// closed and what was sent meanwhile is lost.
 class EmulatedDevice {
  public:
   /// @throws std::invalid_argument naming the value and its rule.

@@ -4,9 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "helix_arm/basics/pi.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/load_arm.hpp"
 #include "helix_arm/statics/loaded.hpp"
 #include "io/document/document.hpp"
@@ -311,79 +309,7 @@ std::optional<statics::ArmModel> readModel(const MapReader& scene, const ArmPart
   return std::nullopt;
 }
 
-// In squares of the ring's radius: pressure then bends the section by 1 % of what its ring allows.
-constexpr double kMostBending = 100;
-// In forces that the pressure range has on the cross-section of a muscle.
-constexpr double kLeastExtensional = 0.02, kMostExtensional = 1000;
-// Beyond the bounds by this factor, a stiffness is refused.
-constexpr double kRefused = 2;
-
-std::string figure(double value) { return basics::format("%.3g", value); }
-
-void doubtBending(const std::string& section, double K_kappa, double radius, double slack,
-                  std::vector<StiffnessDoubt>& doubts) {
-  const double square = radius * radius;
-  if (square == 0 || K_kappa <= slack * kMostBending * square) return;
-  const bool is_mm = 1e-6 * K_kappa > 0.01 * square;
-  doubts.push_back({section, "K_kappa_m2",
-                    figure(K_kappa) + " m^2; expected at most " + figure(kMostBending * square) +
-                        ", 100 times the ring's radius squared",
-                    "give it in m^2: " + figure((is_mm ? 1e-6 : 1e-4) * K_kappa) + " if it is in " +
-                        (is_mm ? "mm^2" : "cm^2")});
-}
-
-void doubtExtensional(const std::string& section, double K_eps, double least, double most,
-                      double slack, std::vector<StiffnessDoubt>& doubts) {
-  if (slack * K_eps >= least && K_eps <= slack * most) return;
-  const bool low = K_eps < least;
-  doubts.push_back({section, "K_eps_n",
-                    figure(K_eps) + " N; expected " + figure(least) + " to " + figure(most) +
-                        ", from the pressures and the cross-section of a muscle, and the load",
-                    "give it in N: " + figure((low ? 1e3 : 1e-3) * K_eps) + " if it is in " +
-                        (low ? "kN" : "mN") + "; check muscle_radius_m and load"});
-}
-
-void refuseStiffness(const MapReader& scene, const ArmParts& arm,
-                     const std::optional<statics::Load>& load) {
-  for (const StiffnessDoubt& one : stiffnessDoubts(arm.arm, arm.looks, load, kRefused)) {
-    scene.report("arm", "arm.stiffness.", one.key, " in section ", one.section, " is ", one.value,
-                 "; ", one.remedy);
-  }
-}
-
 }  // namespace
-
-std::vector<StiffnessDoubt> stiffnessDoubts(const model::Arm& arm,
-                                            const std::vector<SectionLook>& looks,
-                                            const std::optional<statics::Load>& load,
-                                            double slack) {
-  std::vector<StiffnessDoubt> doubts;
-  Eigen::Vector3d pull = Eigen::Vector3d::Zero();
-  if (load) {
-    for (const double mass : load->mass) pull += mass * load->gravity;
-    for (const statics::PointLoad& point : load->points) pull += load->forceOf(point);
-  }
-  for (int k = 0; k < arm.sectionCount(); ++k) {
-    const SectionLook& look = looks[static_cast<std::size_t>(k)];
-    const int begin = arm.firstActuator(k), end = arm.firstActuator(k + 1);
-    double radius = 0, K_kappa = 0, force = 0;
-    for (int i = begin; i < end; ++i) {
-      const model::Actuator& actuator = arm.actuator(i);
-      radius = std::max(radius, actuator.X_O.translation.norm());
-      K_kappa = std::max(K_kappa, actuator.stiffness.kappa);
-      if (!model::isPressure(actuator.drive)) continue;
-      force = std::max(force, (actuator.limits.upper - actuator.limits.lower) * basics::kPi *
-                                  std::pow(look.muscle_radius, 2));
-    }
-    doubtBending(look.name, K_kappa, radius, slack, doubts);
-    if (!load || force == 0) continue;
-    // A load that doubles the length of the muscles that bear it is none of this arm.
-    doubtExtensional(look.name, load->K_eps[static_cast<std::size_t>(k)],
-                     std::max(kLeastExtensional * force, pull.norm() / (end - begin)),
-                     kMostExtensional * force, slack, doubts);
-  }
-  return doubts;
-}
 
 const DocumentKind& sceneKind() {
   static const DocumentKind kind{
@@ -422,7 +348,6 @@ SceneArmParts readSceneArm(const MapReader& scene) {
   parts.contractions = readContractions(scene);
   parts.arm = readArm(scene, parts.contractions);
   parts.model = readModel(scene, parts.arm ? &*parts.arm : nullptr);
-  if (parts.model) refuseStiffness(scene, *parts.arm, parts.model->load());
   return parts;
 }
 
