@@ -97,7 +97,8 @@ class Loop(CommanderCase):
 
         def at_rest():
             first = len(self.truth)
-            self.assert_wait(lambda: len(self.truth) > first + 50 and distance(self.truth[-50], self.truth[-1]) < 1e-6)
+            self.assert_wait(lambda: len(self.truth) > first + 50 and
+                             all(distance(one, self.truth[-1]) < 1e-6 for one in self.truth[-50:]))
             return self.truth[-1]
 
         self.assertEqual(self.send_pressures([0, 0, 0]).outcome, TargetStatus.REACHED)

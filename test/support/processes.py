@@ -51,8 +51,8 @@ class Process:
 
     def output(self):
         """All that it has printed so far."""
-        self.log.seek(0)
-        return self.log.read().decode(errors="replace")
+        file = self.log.fileno()  # whose position is also that of the child, which writes there
+        return os.pread(file, os.fstat(file).st_size, 0).decode(errors="replace")
 
     def prints(self, text, deadline=60):
         """Whether the output comes to hold the text."""
