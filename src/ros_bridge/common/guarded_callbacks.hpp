@@ -14,7 +14,7 @@
 
 #include "diagnostics.hpp"
 
-/// What others send: stamps, and callbacks that do not end a node.
+/// Callbacks that do not end a node, and differences of the stamps that others send.
 namespace helix_arm::ros_bridge {
 
 /// Exact difference of any two stamps [s]; that of ros::Time throws if they are far apart.

@@ -1,5 +1,8 @@
 #include "follow_action.hpp"
 
+#include <algorithm>
+#include <atomic>
+#include <cmath>
 #include <limits>
 #include <utility>
 #include <variant>

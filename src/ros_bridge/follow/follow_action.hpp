@@ -3,6 +3,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 
 #include <actionlib/server/action_server.h>
 #include <ros/node_handle.h>
@@ -82,10 +83,10 @@ class FollowAction {
   void takeCandidate();
   void begin(double time);
 
-  // With copies of the present state, since the check runs in another thread.
+  // The check has copies of the present state, since it runs in another thread.
   PathCheck pathCheck() const;
 
-  // What is wrong with the arm comes before what it brought about.
+  // A suspected cause is named before the ending that it brought about.
   void endWatched(GoalEnding ending);
   void end(const GoalEnding& ending);
   void cancel(const std::string& reason);

@@ -2,6 +2,7 @@
 
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <geometry_msgs/PoseStamped.h>
@@ -30,7 +31,7 @@ class LoopTargets {
   /// A target from the interactive marker, whose stamp is not checked.
   void takeFromHandle(const TipTarget& target);
 
-  /// Of these targets, and of a commander that sends no messages.
+  /// Admission of these targets, and of a commander that sends no messages.
   TargetAdmission& admission() { return admission_; }
 
   /// The present target, base frame; nothing where its sender was silent for

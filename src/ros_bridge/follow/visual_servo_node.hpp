@@ -90,7 +90,7 @@ class VisualServoNode : public Node {
 
   // A camera that has moved comes first: through it the arm seems to move otherwise.
   std::string suspects() const;
-  // Once, not for each search that finds it again.
+  // A suspect is told once, not for each search that finds it again.
   void tellSuspect();
 
   std::string reason() { return ledBySuspect(*suspects_, stateReason()); }

@@ -47,7 +47,7 @@ class ShapePublisher {
   /// if that reading is stale or has no shape.
   void draw(const control::SafetyReport& report, const std::string& reason);
 
-  /// What the actuators remember of their measured pressures.
+  /// Responses of the actuators to the pressures measured so far.
   const model::ArmResponse& response() const { return response_; }
 
   const std::string& baseFrame() const { return frames_.base; }

@@ -52,7 +52,7 @@ class PictureMeasurer {
   void adopt(SceneLocalizer next) HELIX_ARM_EXCLUDES(mutex_);
   /// From any thread.
   void addModel(const ros::Time& stamp, const model::Shape& shape) HELIX_ARM_EXCLUDES(mutex_);
-  /// What visual_servo has learnt of the shape. From any thread.
+  /// Adds the shape as visual_servo estimates it. From any thread.
   void addEstimate(const ros::Time& stamp, const model::Shape& shape) HELIX_ARM_EXCLUDES(mutex_);
   /// From any thread: measure() waits for no model any more.
   void stop() HELIX_ARM_EXCLUDES(mutex_);

@@ -43,7 +43,7 @@ struct VisionOptions {
   std::string world_frame = reader.frame("world_frame", names::kWorldFrame);
   std::string frame_prefix = reader.frame("frame_prefix", "");  ///< of arm_base and measured_*
   bool optional = reader.flag("optional", false);  ///< a scene without camera or tags is no fault
-  /// From which ~reload takes scenes, besides the package's and ~scene.
+  /// Folder from which ~reload takes scenes, besides the package's and ~scene.
   std::string scene_folder = reader.folder("scene_folder", defaultFolder());
 
   explicit VisionOptions(const ros::NodeHandle& private_node) : reader(private_node) {
@@ -65,7 +65,7 @@ struct VisionOptions {
 /// Where pictures and the camera's calibration come from: the topics image, image/compressed and
 /// camera_info, or a webcam or file, read by a thread of its own.
 ///
-/// Of two picture topics the first to speak is used until it is silent for
+/// The first of two picture topics to speak is used until it is silent for
 /// VisionOptions::stale_after. The latest picture replaces one that waits to be taken; files are
 /// read at the pace of the taker. A picture stamped 0 is stamped on arrival, with a warning.
 class PictureSource {
