@@ -63,7 +63,9 @@ TEST_F(New, ArmsOfManyKindsHaveNoFaults) {
       {"--mounting", "lying", "--sections", "6"},
       {"--mounting", "lying", "--chambers", "--muscles", "4"},
       {"--chambers", "--sections", "2", "--length-m", "0.14", "--muscles", "6"}};
+  int number = 0;
   for (const std::vector<std::string>& kind : kinds) {
+    if (!test::isDrawn(number++, 3)) continue;
     SCOPED_TRACE(kind[0] + " " + kind[1]);
     write(kind);
     expectSound();
@@ -121,12 +123,12 @@ TEST_F(New, TextsThatYamlReadsOtherwiseAreQuoted) {
   const auto regulatorOf = [this](const std::vector<std::string>& options) {
     return *made({"--defaults", "--regulator"}, options).regulator;
   };
-  int number = 2;
+  int number = 1;
   for (const char* const text :
        {"/dev/a #b", "/dev/ttyUSB0", "a: b", "- x", "[::1]", "{x}",        "'",
         "\"q\" \\",  "null",         "~",    "12",  "true",  "*a",         "&a",
         "!a",        "%a",           "@a",   "# a", "| a",   "caf\xc3\xa9"}) {
-    if (!test::isDrawn(number++, 3)) continue;
+    if (!test::isDrawn(number++, 5)) continue;
     SCOPED_TRACE(text);
     const regulator::Config serial = regulatorOf({"generic", "--device", text});
     EXPECT_EQ(std::get<regulator::SerialConfig>(serial).device, text);

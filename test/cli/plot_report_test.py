@@ -1,13 +1,17 @@
 #!/usr/bin/python3
 """scripts/plot_report, which draws what `helix_arm calibrate --format json` and others print."""
 
+import contextlib
 import copy
+import io
 import json
 import math
 import random
 import re
+import runpy
 import struct
 import subprocess
+import sys
 import tempfile
 import unittest
 from pathlib import Path
@@ -15,6 +19,8 @@ from pathlib import Path
 from matplotlib import image
 
 SCRIPT = Path(__file__).resolve().parents[2] / "scripts/plot_report"
+sys.path.insert(0, str(SCRIPT.parent))  # for the modules beside it
+MAIN = runpy.run_path(str(SCRIPT))["main"]
 WIDTH = 1280
 
 
@@ -67,8 +73,14 @@ class PlotReport(unittest.TestCase):
 
     def run_script(self, source, target):
         """(exit code, what it says on stderr)."""
-        run = subprocess.run([str(SCRIPT), str(source), str(target)], stderr=subprocess.PIPE, universal_newlines=True, check=False)
-        return run.returncode, run.stderr
+        said = io.StringIO()
+        with contextlib.redirect_stderr(said):
+            exit_code = MAIN([str(source), str(target)])
+        return exit_code, said.getvalue()
+
+    def test_it_is_a_program(self):
+        run = subprocess.run([str(SCRIPT), "/dev/zero", str(self.target)], stderr=subprocess.PIPE, universal_newlines=True, check=False)
+        self.assertEqual((run.returncode, "/dev/zero is not a regular file" in run.stderr), (2, True))
 
     def picture(self, document):
         """Whether each pixel is not white, of the picture that it draws."""

@@ -58,7 +58,7 @@ TEST_P(BoardLoop, PressuresFollowTheirSetPoints) {
   RecordProperty("overshoot_pa", std::to_string(worst.overshoot));
 }
 
-INSTANTIATE_TEST_SUITE_P(, BoardLoop, testing::ValuesIn(kBoardKinds), nameOfKind);
+INSTANTIATE_TEST_SUITE_P(, BoardLoop, testing::ValuesIn(drawnBoards()), nameOfKind);
 
 class BoardControl : public testing::TestWithParam<BoardKind> {};
 
@@ -171,7 +171,7 @@ TEST(BoardForFewerChannels, HasNoOthers) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(, BoardControl, testing::ValuesIn(kBoardKinds), nameOfKind);
+INSTANTIATE_TEST_SUITE_P(, BoardControl, testing::ValuesIn(drawnBoards()), nameOfKind);
 
 // Muscles that the constants were not chosen for. One pulse of an inlet is 3 ms at least.
 TEST(BoardMuscles, SlowOnesAreFollowedAsWellAndFastOnesToAPulse) {

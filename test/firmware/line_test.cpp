@@ -33,7 +33,7 @@ TEST_P(BoardLine, ReadingsAreThePressures) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(, BoardLine, testing::ValuesIn(kBoardKinds), nameOfKind);
+INSTANTIATE_TEST_SUITE_P(, BoardLine, testing::ValuesIn(drawnBoards()), nameOfKind);
 
 TEST(BoardLines, WhatIsNoLineOfTheProfileIsRefusedAndChangesNothing) {
   ReadyBoard board;

@@ -10,6 +10,7 @@
 #include <deque>
 #include <fstream>
 #include <functional>
+#include <iterator>
 #include <map>
 #include <optional>
 #include <ostream>
@@ -27,6 +28,8 @@
 #include <gtest/gtest.h>
 #include <sim_avr.h>
 #include <sim_elf.h>
+
+#include "support/test_size.hpp"
 
 namespace helix_arm::test {
 
@@ -580,6 +583,11 @@ inline const BoardKind kBoardKinds[] = {{"atmega328p", "solenoid"},
                                         {"atmega2560", "proportional"}};
 /// Each chip and each kind of valve once.
 inline const BoardKind kEachPart[] = {kBoardKinds[0], kBoardKinds[3]};
+/// Every build in full size, by default each part once.
+inline std::vector<BoardKind> drawnBoards() {
+  if (!isFullSize()) return {std::begin(kEachPart), std::end(kEachPart)};
+  return {std::begin(kBoardKinds), std::end(kBoardKinds)};
+}
 inline const BoardKind kSmallBoard = kBoardKinds[0];
 /// A build for fewer channels than the chip has.
 inline const BoardKind kFiveChannels = {"atmega2560", "solenoid", 5};

@@ -13,6 +13,7 @@
 #include "support/loop_bench.hpp"
 #include "support/paper_arm.hpp"
 #include "support/refusal.hpp"
+#include "support/test_size.hpp"
 
 namespace helix_arm::follow {
 namespace {
@@ -309,7 +310,7 @@ bool isPositiveDefinite(const Eigen::MatrixXd& matrix) {
 
 // Turns of gaps, outliers, NaN, repeated and old stamps, limits, vents and changes of mind.
 TEST(VisualServo, StaysConsistentThroughRandomTurns) {
-  constexpr int kTurns = 100'000;
+  const int kTurns = test::draws(20'000, 100'000);
   const ArmModel model = helicalModel();
   const model::Arm& arm = model.arm();
   Correction truth(arm);
@@ -403,7 +404,7 @@ TEST(VisualServo, IsStableWithinTheSmallGain) {
   const Eigen::VectorXd middle = model.arm().inputAt(Eigen::Vector3d(0.2, 0.3, 0.25));
   const Eigen::Vector3d target = model.tip(middle).tip.translation;
   test::Random random(8);
-  for (int run = 0; run < 40; ++run) {
+  for (int run = 0; run < test::draws(12, 40); ++run) {
     VisualServoConfig config = LoopBench::config();
     // The proof is for the bias alone.
     config.filter.stiffness_deviation = {1e-6, 1e-6, 1e-6};

@@ -7,6 +7,7 @@
 
 #include "helix_arm/procedures/follow_run.hpp"
 #include "support/random.hpp"
+#include "support/test_size.hpp"
 
 namespace helix_arm::procedures {
 namespace {
@@ -61,7 +62,7 @@ TEST(SuspectWatch, NamesWhatIsWrongAndNoContact) {
        {io::loadScene(demo), io::loadScene(demo, {{"arm.sections[0].ring", four},
                                                   {"simulation.arm", "{length_scale: 1.01}"}})}) {
     for (const auto& mistake : mistakes) {
-      for (const unsigned seed : {1, 2}) {
+      for (int seed = 1; seed <= test::draws(1, 2); ++seed) {
         const FollowResult result = runOn(scene, seed, mistake.change);
         const auto& found = result.suspects;
         EXPECT_EQ(found.empty() ? "" : found[0].cause + " " + found[0].where, mistake.named)

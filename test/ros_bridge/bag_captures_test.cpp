@@ -174,7 +174,7 @@ TEST(BagCaptures, MissingTopicsAndOtherArmsAreNamed) {
 
 using test::Random;
 
-const int kDamaged = test::draws(8, 100);
+const int kDamaged = test::draws(4, 100);
 
 void write(const std::string& path, const std::string& bytes) {
   std::ofstream(path, std::ios::binary) << bytes;

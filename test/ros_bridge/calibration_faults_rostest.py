@@ -57,6 +57,7 @@ class CalibrationFaults(CalibrationRig):
             self.assert_refused(self.assert_ends(GoalStatus.ABORTED), words)
         self.assertFalse(any(self.command[-1].pressure))
 
+    @full_size_only
     def test_files_are_read_and_written_in_their_folders_alone(self):
         """Any network peer can name paths. Which of them are taken is a law of FileAccess; here every service and the action goes
         by it, and no message contains a line of a file."""
@@ -78,6 +79,7 @@ class CalibrationFaults(CalibrationRig):
         for _ in range(2):
             self.save("samples.csv")
 
+    @full_size_only
     def test_a_sample_of_an_arm_that_moves_or_of_the_same_pictures_is_refused(self):
         self.record_when_settled(RecordSample)
         again = self.call("record_sample", RecordSample)

@@ -108,6 +108,7 @@ class WholeCalibration(Runs):
         self.assertAlmostEqual(length, 1.02 * np.polyval(quintic["coefficients_m"][::-1], 100 / reference), delta=1e-7)
 
 
+@full_size_only
 class Walk(Runs):
     RIG = {"mounts": {"camera_translation_m": 0.02, "seed": 11}}
 

@@ -91,6 +91,7 @@ class Contact(LoopRig):
         self.assertTrue(call("pressure_command/vent"))
         self.assert_comes_to(LoopStatus.IDLE)
 
+    @full_size_only
     def test_z_a_dead_camera_is_told_during_contact_and_ends_the_goal(self):
         """The last test: it ends vision."""
         self.assert_begins(FollowTipPathGoal.YIELD)

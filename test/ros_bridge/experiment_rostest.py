@@ -17,6 +17,7 @@ sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "..
 from helix_arm.msg import (ArmShape, ExternalLoad, LoopStatus, PressureArray, RunExperimentAction,  # noqa: E402
                            RunExperimentGoal, SafetyState)
 from ros_case import Inbox, RosCase, wait_for  # noqa: E402
+from test_size import full_size_only  # noqa: E402
 
 
 def rows_of(path):
@@ -110,6 +111,7 @@ class Experiments(RosCase):
         self.send()
         self.assertIn("enable", self.ended()[1].message)
 
+    @full_size_only
     def test_contact_a_leak_and_loss_of_sight_end_the_run(self):
         load = rospy.Publisher("external_load", ExternalLoad, queue_size=1, latch=True)
         self.under_way("muscle_1")

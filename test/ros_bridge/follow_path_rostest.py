@@ -94,6 +94,7 @@ class FollowTipPath(LoopRig):
                             FollowTipPathResult.OLD_HEADER_TIMESTAMP)
         self.assertEqual(self.loop[-1].state, LoopStatus.IDLE, "nothing moves by them")
 
+    @full_size_only
     def test_a_running_goal_keeps_targets_and_bad_goals_away(self):
         self.send(goal_along([MIDDLE, BESIDE, MIDDLE], 2.0))
         self.assert_under_way()
@@ -106,6 +107,7 @@ class FollowTipPath(LoopRig):
         self.assertFalse(self.is_done())
         self.assert_ends(FollowTipPathResult.SUCCESSFUL)
 
+    @full_size_only
     def test_a_new_goal_replaces_the_running_one(self):
         self.send(goal_along([MIDDLE, BESIDE], 20.0))
         self.assert_under_way()
@@ -172,6 +174,7 @@ class FollowTipPath(LoopRig):
         self.send(goal_along([MIDDLE, BESIDE], 1.0))
         self.assert_ends(FollowTipPathResult.SUCCESSFUL)
 
+    @full_size_only
     def test_who_repeats_a_target_is_brought_to_rest_until_it_pauses(self):
         target = target_at(MIDDLE)
         self.assert_comes_to(LoopStatus.CLOSED, target)

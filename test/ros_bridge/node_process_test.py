@@ -105,7 +105,7 @@ class NodeProcess(Case):
                 ("vision", SCENE, ["spatial_50 has no `camera` and `tags`", "add what is missing"]),
                 ("vision", "_scene:=helical_50", ["helical_50 has no `camera`"]),
                 ("pressure_command", "_scene:=demo_serial _rate:=7",
-                 ["vents by itself when no line comes for 0.5 s", "raise the rate of the loop"])):
+                 ["vents by itself when no line comes for 0.5 s", "raise the rate of the loop"]))[::draws(4, 1)]:
             with self.subTest(arguments):
                 self.assert_refused(arguments.split(), words, name)
 
@@ -220,6 +220,7 @@ class LaunchFiles(Case):
     def test_demo_runs_and_is_measured_to_be_calibrated(self):
         self.assert_runs("demo.launch", "calibration:=true", scene="demo")
 
+    @full_size_only
     def test_replay_runs(self):
         self.assert_runs("replay.launch")
 

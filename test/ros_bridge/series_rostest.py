@@ -14,6 +14,7 @@ sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "..
 from helix_arm.msg import PressureArray, SafetyState, TargetStatus  # noqa: E402
 from processes import SOURCE, wait_for  # noqa: E402
 from ros_case import RosCase  # noqa: E402
+from test_size import full_size_only  # noqa: E402
 
 BRISK = SOURCE + "/test/ros_bridge/scenes/brisk.yaml"
 THREE_ROWS = ("_data:=" + SOURCE + "/test/ros_bridge/series.csv", "_ramp_s:=0.2", "_hold_s:=0.5")
@@ -44,6 +45,7 @@ class Series(RosCase):
         self.assert_wait(lambda: answers.answer_to(publisher, target, 0.2).outcome == TargetStatus.REACHED)
         self.assertTrue(answers.next(is_of_series))
 
+    @full_size_only
     def test_a_rest_of_somebody_else_also_reaches_who_gives_way(self):
         answers, safety = self.inbox("/yield/target_status", TargetStatus), self.inbox("/yield/safety_state", SafetyState)
         publisher = rospy.Publisher("/yield/pressure_target", PressureArray, queue_size=10)
@@ -136,6 +138,7 @@ class Told(RosCase):
         self.assertTrue(self.targets.next(lambda target: list(target.pressure) != self.STANDS), self.series.output())
 
 
+@full_size_only
 class Answers(Told):
     def test_answers_without_targets_do_no_harm(self):
         """To targets that it never sent, before any command came."""
@@ -197,6 +200,7 @@ class Commands(Told):
         self.assert_fails_while(lambda: self.answer(TargetStatus.DROPPED, "out_of_range"))
         self.assertIn("told so, and nothing else for 2 s", self.series.output())
 
+    @full_size_only
     def test_commands_that_are_all_of_another_arm_end_the_series(self):
         for k in range(20):
             self.tell([1e5, 1e5])
@@ -221,6 +225,7 @@ class Commands(Told):
         self.assertEqual(before, [len(self.targets)])
         self.assertIn("comes to rest", self.series.output())
 
+    @full_size_only
     def test_an_arm_that_does_not_answer_is_not_asked_for_rest(self):
         """Its last target may still be on its way and would cancel the request."""
         self.end_with_answers(1)
@@ -243,6 +248,7 @@ class Commands(Told):
         self.end_with_answers(0, True, len(self.targets) - 1)
         self.assert_asks_for_rest(True)
 
+    @full_size_only
     def test_who_is_never_answered_ends_all_the_same(self):
         self.series.signal(signal.SIGINT)
         self.assertEqual(self.series.code(), 0, self.series.output())

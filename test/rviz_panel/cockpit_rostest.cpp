@@ -17,6 +17,7 @@
 #include "support/process.hpp"
 #include "support/ros_rig.hpp"
 #include "support/temporary_folder.hpp"
+#include "support/test_size.hpp"
 
 namespace helix_arm::test {
 namespace {
@@ -439,6 +440,7 @@ TEST_F(CockpitCalibration, CancelEndsTheRunAndTheArmIsVented) {
 }
 
 TEST_F(CockpitCalibration, AnExperimentTellsItsProgressAndStopsAtAClick) {
+  if (!isFullSize()) GTEST_SKIP() << kFullSizeOnly;
   EXPECT_NE(tip("experiment_start").find("no experiment node"), std::string::npos);
   const auto experiment = start(
       HELIX_ARM_EXPERIMENT, {"_out_folder:=" + folder_.path(), "_scene_folder:=" + folder_.path()});

@@ -376,7 +376,7 @@ TEST_P(TrackingIn, JumpsBumpsAndHiddenTagsAreRecoveredInTheSamePicture) {
   std::vector<bool> seen(tags.size(), false);
   std::vector<ExpectedTag> expected;
   Vector2d last = Vector2d::Zero();
-  int recovered = 0, hidden = 0, events = test::draws(40, 120);
+  int recovered = 0, hidden = 0, events = test::draws(16, 120);
   for (int event = 0; event < events; ++event) {
     // All jump, then a bump moves them a little, then some are hidden, then all jump again.
     Vector2d to = last + Vector2d(random.uniform(-4, 4), random.uniform(-4, 4));
