@@ -1,3 +1,5 @@
+#include "helix_arm/model/equilibrium.hpp"
+
 #include <Eigen/QR>
 #include <Eigen/SVD>
 #include <algorithm>
@@ -5,7 +7,8 @@
 #include <numeric>
 
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/model/taper.hpp"
+#include "helix_arm/lie/se2.hpp"
+#include "helix_arm/lie/se3.hpp"
 
 namespace helix_arm::model {
 namespace {

@@ -1,10 +1,8 @@
 // The linear map against the pseudo-inverse in 80 digits, over the extremes an arm may be built
 // with.
+#include "helix_arm/model/equilibrium.hpp"
 #include <cstdio>
-
 #include <gtest/gtest.h>
-
-#include "helix_arm/model/taper.hpp"
 #include "support/expect_refusal.hpp"
 #include "support/high_precision_arm.hpp"
 #include "support/paper_arm.hpp"
