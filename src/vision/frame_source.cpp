@@ -9,7 +9,6 @@
 #include <filesystem>
 #include <limits>
 #include <stdexcept>
-#include <variant>
 
 #include <dlfcn.h>
 
@@ -76,136 +75,6 @@ class CameraSource : public FrameSource {
   std::string fault_;
 };
 
-struct Claim {
-  std::uint64_t width = 0, height = 0;
-};
-
-// The first bytes of a picture; bytes beyond the end read as 0, which is not a valid size.
-class Header {
- public:
-  explicit Header(const std::string& bytes) : bytes_(bytes) {}
-
-  bool has(std::size_t place, const char* text) const {
-    return place < size() && bytes_.compare(place, std::strlen(text), text) == 0;
-  }
-  std::uint32_t number(std::size_t place, int count, bool is_big) const {
-    std::uint32_t value = 0;
-    for (int i = 0; i < count; ++i) value = value << 8 | byte(place + (is_big ? i : count - 1 - i));
-    return value;
-  }
-  std::uint32_t little(std::size_t place, int count) const { return number(place, count, false); }
-  std::uint32_t big(std::size_t place, int count) const { return number(place, count, true); }
-  const std::uint8_t* data() const { return reinterpret_cast<const std::uint8_t*>(bytes_.data()); }
-  std::size_t size() const { return bytes_.size(); }
-  std::uint8_t byte(std::size_t place) const { return place < size() ? data()[place] : 0; }
-
- private:
-  const std::string& bytes_;
-};
-
-Claim ofBmp(const Header& header) {
-  constexpr std::uint32_t kOldHeader = 12;
-  if (header.little(14, 4) == kOldHeader) return {header.little(18, 2), header.little(20, 2)};
-  // Negative if rows start at the top.
-  const auto height = static_cast<std::int32_t>(header.little(22, 4));
-  const std::int64_t rows = std::abs(static_cast<std::int64_t>(height));
-  return {header.little(18, 4), static_cast<std::uint64_t>(rows)};
-}
-
-// Numbers between blanks and comments.
-Claim ofPnm(const Header& header) {
-  std::array<std::uint64_t, 2> sizes{};
-  std::size_t place = 2;
-  for (std::uint64_t& size : sizes) {
-    while (std::isspace(header.byte(place)) != 0 || header.byte(place) == '#') {
-      if (header.byte(place++) != '#') continue;
-      while (place < header.size() && header.byte(place) != '\n') ++place;
-    }
-    constexpr std::uint64_t kEnough = std::numeric_limits<std::uint32_t>::max();
-    for (; std::isdigit(header.byte(place)) != 0; ++place) {
-      size = std::min(kEnough, 10 * size + (header.byte(place) - '0'));
-    }
-  }
-  return {sizes[0], sizes[1]};
-}
-
-Claim ofWebp(const Header& header) {
-  if (header.has(12, "VP8X")) return {1ULL + header.little(24, 3), 1ULL + header.little(27, 3)};
-  if (header.has(12, "VP8L")) {
-    const std::uint32_t sizes = header.little(21, 4);
-    return {1ULL + (sizes & 0x3fffU), 1ULL + (sizes >> 14 & 0x3fffU)};
-  }
-  return {header.little(26, 2) & 0x3fffU, header.little(28, 2) & 0x3fffU};
-}
-
-// The first picture; absent if tiles or strips exceed it, or samples are longer than two bytes.
-Claim ofTiff(const Header& header) {
-  const bool is_big = header.byte(0) == 'M';
-  const auto number = [&](std::size_t place, int count) {
-    return header.number(place, count, is_big);
-  };
-  constexpr std::uint32_t kWidth = 256, kHeight = 257, kBits = 258, kSamples = 277, kRows = 278,
-                          kTileWidth = 322, kTileHeight = 323, kShort = 3;
-  Claim claim;
-  std::uint64_t rows = 0, tile_width = 0, tile_height = 0, bits = 1, samples = 1;
-  const std::pair<std::uint32_t, std::uint64_t*> fields[] = {
-      {kWidth, &claim.width}, {kHeight, &claim.height},  {kSamples, &samples},
-      {kRows, &rows},         {kTileWidth, &tile_width}, {kTileHeight, &tile_height}};
-  const std::size_t directory = number(4, 4);
-  const std::uint32_t entries = directory < header.size() ? number(directory, 2) : 0;
-  for (std::uint32_t i = 0; i < entries; ++i) {
-    const std::size_t entry = directory + 2 + 12ULL * i;
-    const bool is_short = number(entry + 2, 2) == kShort;
-    const std::uint32_t value = number(entry + 8, is_short ? 2 : 4);
-    const bool is_elsewhere = is_short && number(entry + 4, 4) > 2;
-    const std::uint32_t tag = number(entry, 2);
-    for (const auto& [known, field] : fields) {
-      if (tag == known) *field = value;
-    }
-    // One per sample; they must be equal, or the decoder refuses the file.
-    if (tag == kBits) bits = is_elsewhere ? number(number(entry + 8, 4), 2) : value;
-  }
-  constexpr std::uint64_t kAllRows = std::numeric_limits<std::uint32_t>::max();
-  constexpr std::uint64_t kTile = 1024;  // larger than a small picture
-  const bool is_usual =
-      bits <= 16 && samples <= 4 && (rows == kAllRows || rows <= std::max(claim.height, kTile)) &&
-      tile_width <= std::max(claim.width, kTile) && tile_height <= std::max(claim.height, kTile);
-  return is_usual ? claim : Claim{};
-}
-
-std::optional<Claim> claimOf(const Header& header) {
-  if (header.has(0, "\xff\xd8")) {
-    const cv::Size size = JpegDecoder::claimedSize(header.data(), header.size());
-    return Claim{static_cast<std::uint64_t>(size.width), static_cast<std::uint64_t>(size.height)};
-  }
-  if (header.has(0, "\x89PNG\r\n\x1a\n") && header.has(12, "IHDR")) {
-    return Claim{header.big(16, 4), header.big(20, 4)};
-  }
-  if (header.has(0, "BM")) return ofBmp(header);
-  if (header.byte(0) == 'P' && header.byte(1) >= '1' && header.byte(1) <= '6') return ofPnm(header);
-  if (header.has(0, "RIFF") && header.has(8, "WEBPVP8")) return ofWebp(header);
-  if (header.little(0, 4) == 0x002a4949U || header.little(0, 4) == 0x2a004d4dU) {
-    return ofTiff(header);
-  }
-  return std::nullopt;
-}
-
-// The size [px] that a picture's header claims, read without decoding: JPEG, PNG, BMP, PNM, TIFF
-// and WebP. A decoder of these formats allocates a small multiple of it.
-// @return the size, both > 0; or what is wrong with the header.
-std::variant<cv::Size, std::string> claimedSize(const Header& header) {
-  if (header.size() == 0) return "the file is empty";
-  const std::optional<Claim> claim = claimOf(header);
-  if (!claim) {
-    return "it does not begin like a picture; expected a JPEG, PNG, BMP, PNM, TIFF or WebP";
-  }
-  constexpr std::uint64_t kMost = std::numeric_limits<int>::max();
-  if (claim->width == 0 || claim->height == 0 || claim->width > kMost || claim->height > kMost) {
-    return "its header is damaged, truncated or of an unsupported kind";
-  }
-  return cv::Size(static_cast<int>(claim->width), static_cast<int>(claim->height));
-}
-
 constexpr std::size_t kMostBytes = 128U << 20U;  // of a file
 
 std::string sizeText(const cv::Size& size) {
@@ -232,19 +101,16 @@ class PictureFiles : public FrameSource {
     basics::RegularFile file(frame.name);
     const std::optional<std::string> content = file.readAll(kMostBytes);
     if (!content) return "the file " + file.fault();
-    const Header header(*content);
-    const std::variant<cv::Size, std::string> claimed = claimedSize(header);
-    if (const auto* fault = std::get_if<std::string>(&claimed)) return *fault;
-    const cv::Size size = std::get<cv::Size>(claimed);
+    if (content->empty()) return "the file is empty";
+    const auto* const data = reinterpret_cast<const std::uint8_t*>(content->data());
+    const bool is_jpeg = content->compare(0, 2, "\xff\xd8") == 0;
+    if (const auto fault = is_jpeg ? JpegDecoder().decode(data, content->size(), frame.gray)
+                                   : media().decode(*content, frame.gray)) {
+      return fault;
+    }
+    const cv::Size size = frame.gray.size();
     if (expected_ && size != *expected_) frame.wrong_size = size;
-    if (const auto fault = sizeFault(size, expected_)) return fault;
-    const auto fault =
-        header.has(0, "\xff\xd8")  ? JpegDecoder().decode(header.data(), header.size(), frame.gray)
-        : header.has(0, "\x89PNG") ? decodePng(header.data(), header.size(), frame.gray)
-                                   : media().decode(*content, frame.gray);
-    if (fault) return fault;
-    if (frame.gray.size() != size) return "it is not of the size that its header claims";
-    return std::nullopt;
+    return sizeFault(size, expected_);
   }
 
   std::vector<fs::path> paths_;
@@ -259,7 +125,7 @@ const Media& load() {
   if (symbol == nullptr) {
     const char* fault = dlerror();
     throw std::runtime_error(
-        std::string("videos, webcams and pictures other than JPEG and PNG need ") + kLibrary +
+        std::string("videos, webcams and pictures other than JPEG need ") + kLibrary +
         ", which does not load: " + (fault == nullptr ? "it is empty" : fault) +
         "; build or install helix_arm again");
   }

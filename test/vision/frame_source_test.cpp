@@ -93,45 +93,7 @@ TEST(PictureFiles, ADamagedPictureIsReportedByNameAndTheNextOneIsRead) {
   EXPECT_EQ(source->next(frame), FrameStatus::kEnd);
 }
 
-// What a decoder would have to take from the system first is refused by the header. The pictures
-// are those of libpng and others, with another size written into their headers.
-TEST(PictureFiles, TheHeaderIsEnoughToRefuseAPictureThatIsTooLarge) {
-  const cv::Mat picture = grayPicture(64, 48);
-  const auto put = [](Bytes bytes, std::size_t place, const Bytes& size) {
-    std::copy(size.begin(), size.end(), bytes.begin() + static_cast<long>(place));
-    return bytes;
-  };
-  const Bytes png = put(encoded(".png", picture), 16, {0, 0, 0x7d, 0, 0, 0, 0x7d, 0});
-  const Bytes bmp = put(encoded(".bmp", picture), 18, {0, 0x7d, 0, 0, 0, 0x83, 0xff, 0xff});
-  const std::string text = "P5\n# 3 4\n32000 \n32000\n255\n";
-  const Bytes pgm(text.begin(), text.end());
-  // VP8L: 14 bits each of width and height, less 1.
-  const Bytes webp = {'R', 'I', 'F', 'F', 30, 0, 0,    0,    'W',  'E',  'B',  'P', 'V', 'P',
-                      '8', 'L', 20,  0,   0,  0, 0x2f, 0xff, 0xff, 0xff, 0x0f, 0,   0,   0};
-  // Little and big endian: width, height.
-  const Bytes tiff = {'I',  'I', 42, 0, 8, 0, 0, 0, 2, 0, 0, 1, 3,    0, 1, 0, 0, 0, 0,
-                      0x7d, 0,   0,  1, 1, 4, 0, 1, 0, 0, 0, 0, 0x7d, 0, 0, 0, 0, 0, 0};
-  const Bytes motorola = {'M', 'M', 0, 42, 0, 0, 0, 8, 0, 2, 1, 0, 0, 3,    0, 0, 0, 1, 0x7d,
-                          0,   0,   0, 1,  1, 0, 4, 0, 0, 0, 1, 0, 0, 0x7d, 0, 0, 0, 0, 0};
-  const std::vector<std::pair<const char*, Bytes>> pictures = {
-      {"a.png", png}, {"b.bmp", bmp}, {"c.pgm", pgm}, {"d.tif", tiff}, {"e.tiff", motorola}};
-  const TemporaryFolder folder;
-  for (const auto& [name, bytes] : pictures) write(folder, name, bytes);
-  write(folder, "f.webp", webp);
-  const auto source = FrameSource::files(folder.path());
-  Frame frame;
-  for (const auto& [name, bytes] : pictures) {
-    ASSERT_EQ(source->next(frame), FrameStatus::kFault) << name;
-    EXPECT_EQ(frame.fault, folder / name +
-                               ": the picture has 32000 x 32000 px; expected at most 64000000 "
-                               "pixels: make it smaller");
-    EXPECT_FALSE(frame.wrong_size) << "none was expected";
-  }
-  ASSERT_EQ(source->next(frame), FrameStatus::kFault);
-  EXPECT_TRUE(has(frame.fault, "16384 x 16384 px; expected at most"));
-}
-
-TEST(PictureFiles, APictureThatIsNotOfTheCamerasSizeIsRefusedByItsHeader) {
+TEST(PictureFiles, APictureThatIsNotOfTheCamerasSizeIsRefused) {
   const TemporaryFolder folder;
   const cv::Mat picture = grayPicture(64, 48);
   std::vector<std::string> names;

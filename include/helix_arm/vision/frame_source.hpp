@@ -74,8 +74,7 @@ class FrameSource {
                                              const std::string& name, double reconnect_after,
                                              std::function<double()> now);
   /// A broken picture or video is a fault that names it. A picture with more pixels than
-  /// JpegDecoder::kMaxPixels, or of another size than expected, is a fault too: its header is
-  /// checked before it is decoded.
+  /// JpegDecoder::kMaxPixels, or of another size than expected, is a fault too.
   /// @param expected  size of the pictures [px]; absent: any.
   /// @throws std::invalid_argument if the file or folder does not exist, or contains no picture.
   static std::unique_ptr<FrameSource> files(const std::string& path,

@@ -15,12 +15,8 @@ namespace helix_arm::vision {
 /// between pictures.
 class JpegDecoder {
  public:
-  /// Maximum number of pixels. A header that claims more, or more than its bytes can hold, is
-  /// refused before anything is allocated.
+  /// Maximum number of pixels. A header that claims more is refused before anything is allocated.
   static constexpr int kMaxPixels = 64'000'000;
-  /// Maximum number of scans of a progressive picture: each passes over all pixels. Encoders
-  /// produce 10.
-  static constexpr int kMaxScans = 32;
 
   /// The size [px] that the header claims; empty if the header is invalid.
   static cv::Size claimedSize(const std::uint8_t* data, std::size_t size);

@@ -1,12 +1,11 @@
+#include "helix_arm/vision/jpeg.hpp"
+
 #include <algorithm>
 
 #include <gtest/gtest.h>
-#include <png.h>
 
-#include "helix_arm/vision/jpeg.hpp"
 #include "jpeg_pictures.hpp"
 #include "support/has.hpp"
-#include "vision/media.hpp"
 
 namespace helix_arm::test {
 namespace {
@@ -124,7 +123,6 @@ TEST(Jpeg, AFileThatIsNotAJpegIsRefusedWithItsReason) {
   EXPECT_TRUE(has(faultOf(jpegOf(cmyk, TJPF_CMYK, TJSAMP_444)), "CMYK"));
 }
 
-// A header may claim any size; memory is for what the data can hold.
 TEST(Jpeg, ClaimedSizesThatCannotBeAreRefused) {
   const auto claim = [](Bytes bytes, int width, int height) {
     const std::size_t frame = markerAt(bytes, 0xc0);
@@ -139,12 +137,7 @@ TEST(Jpeg, ClaimedSizesThatCannotBeAreRefused) {
   EXPECT_NE(faultOf(claim(bytes, 0, 48)), "");
   EXPECT_NE(faultOf(claim(bytes, 64, 0)), "");
   EXPECT_TRUE(has(faultOf(claim(bytes, 65000, 65000)), "claims 65000 x 65000 px; expected"));
-  EXPECT_TRUE(has(faultOf(claim(bytes, 5000, 5000)), "claims 5000 x 5000 px, which"));
   EXPECT_NE(faultOf(claim(bytes, 64, 200)), "");
-  // The flattest picture there is takes more than a bit a block, and passes.
-  const cv::Mat flat(2000, 3000, CV_8UC1, cv::Scalar(90));
-  EXPECT_EQ(faultOf(jpegOf(flat, TJPF_GRAY, TJSAMP_GRAY, 50)), "");
-  EXPECT_EQ(faultOf(jpegOf(flat, TJPF_GRAY, TJSAMP_GRAY, 50, TJFLAG_PROGRESSIVE)), "");
 }
 
 TEST(Jpeg, TheClaimedSizeIsKnownByTheHeaderAlone) {
@@ -154,42 +147,6 @@ TEST(Jpeg, TheClaimedSizeIsKnownByTheHeaderAlone) {
   EXPECT_EQ(JpegDecoder::claimedSize(bytes.data(), scan + 2 + 8), cv::Size(640, 480));
   EXPECT_TRUE(JpegDecoder::claimedSize(bytes.data(), 10).empty());
   EXPECT_TRUE(JpegDecoder::claimedSize(nullptr, 0).empty());
-}
-
-// A picture whose last scan comes again and again: each is decoded over all of its pixels.
-Bytes withScans(const Bytes& bytes, int count) {
-  std::vector<std::size_t> scans;
-  for (std::size_t i = 0; i + 1 < bytes.size(); ++i) {
-    if (bytes[i] == 0xff && bytes[i + 1] == 0xda) scans.push_back(i);
-  }
-  const auto last = bytes.begin() + static_cast<long>(scans.back()), end = bytes.end() - 2;
-  const Bytes scan(last, end);
-  Bytes out(bytes.begin(), end);
-  for (int i = static_cast<int>(scans.size()); i < count; ++i) {
-    out.insert(out.end(), scan.begin(), scan.end());
-  }
-  out.insert(out.end(), {0xff, 0xd9});
-  return out;
-}
-
-TEST(Jpeg, ScansAreCountedBeforeTheyAreDecoded) {
-  const Bytes bytes = jpegOf(colourPicture(64, 48), TJPF_BGR, TJSAMP_420, 90, TJFLAG_PROGRESSIVE);
-  ASSERT_EQ(faultOf(bytes), "");
-  EXPECT_FALSE(has(faultOf(withScans(bytes, JpegDecoder::kMaxScans)), " scans; expected"));
-  for (const int count : {JpegDecoder::kMaxScans + 1, 490}) {
-    EXPECT_EQ(faultOf(withScans(bytes, count)), "a JPEG of " + std::to_string(count) +
-                                                    " scans; expected at most " +
-                                                    std::to_string(JpegDecoder::kMaxScans));
-  }
-}
-
-// A camera puts a small picture of its own into a segment before the first scan.
-TEST(Jpeg, ScansOfAPictureInsideThePictureDoNotCount) {
-  Bytes bytes = JpegEncoder(90).encode(grayPicture(64, 48));
-  Bytes segment = {0xff, 0xe1, 0x01, 0x02};
-  for (int i = 0; i < 128; ++i) segment.insert(segment.end(), {0xff, 0xda});
-  bytes.insert(bytes.begin() + 2, segment.begin(), segment.end());
-  EXPECT_EQ(faultOf(bytes), "");
 }
 
 TEST(Jpeg, PaddingOfWebcamsIsAccepted) {
@@ -220,98 +177,6 @@ TEST(Jpeg, TablesOfTheLastPictureAreNotUsed) {
   cv::Mat gray;
   ASSERT_FALSE(decoder.decode(bytes.data(), bytes.size(), gray));
   EXPECT_TRUE(decoder.decode(no_quantisation.data(), no_quantisation.size(), gray));
-}
-
-// A PNG by libpng itself, interlaced: of gray, or of as many colours of a palette; on request with
-// the chunks that say that its colours are sRGB.
-Bytes interlaced(const cv::Mat& pixels, int colours, bool says_srgb = false) {
-  Bytes bytes;
-  png_structp png = png_create_write_struct(PNG_LIBPNG_VER_STRING, nullptr, nullptr, nullptr);
-  png_infop info = png_create_info_struct(png);
-  const auto put = [](png_structp writer, png_bytep data, png_size_t size) {
-    auto* const out = static_cast<Bytes*>(png_get_io_ptr(writer));
-    out->insert(out->end(), data, data + size);
-  };
-  png_set_write_fn(png, &bytes, put, nullptr);
-  png_set_IHDR(png, info, static_cast<png_uint_32>(pixels.cols),
-               static_cast<png_uint_32>(pixels.rows), 8,
-               colours > 0 ? PNG_COLOR_TYPE_PALETTE : PNG_COLOR_TYPE_GRAY, PNG_INTERLACE_ADAM7,
-               PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
-  std::vector<png_color> palette;
-  for (int i = 0; i < colours; ++i) {
-    palette.push_back({static_cast<png_byte>(5 * i), static_cast<png_byte>(255 - 3 * i),
-                       static_cast<png_byte>(7 * i % 256)});
-  }
-  if (colours > 0) png_set_PLTE(png, info, palette.data(), colours);
-  if (says_srgb) png_set_sRGB_gAMA_and_cHRM(png, info, PNG_sRGB_INTENT_PERCEPTUAL);
-  std::vector<png_bytep> rows;
-  for (int y = 0; y < pixels.rows; ++y) rows.push_back(const_cast<png_bytep>(pixels.ptr(y)));
-  png_set_rows(png, info, rows.data());
-  png_write_png(png, info, PNG_TRANSFORM_IDENTITY, nullptr);
-  png_destroy_write_struct(&png, &info);
-  return bytes;
-}
-
-std::vector<std::pair<const char*, Bytes>> soundPictures() {
-  const cv::Mat colour = colourPicture(37, 29);
-  cv::Mat gray(colour.size(), CV_8UC1), alpha(colour.size(), CV_8UC4), indices(29, 37, CV_8UC1);
-  for (int y = 0; y < colour.rows; ++y) {
-    for (int x = 0; x < colour.cols; ++x) {
-      const cv::Vec3b c = colour.at<cv::Vec3b>(y, x);
-      gray.at<std::uint8_t>(y, x) = c[1];
-      alpha.at<cv::Vec4b>(y, x) = {c[0], c[1], c[2], static_cast<std::uint8_t>(7 * x)};
-      indices.at<std::uint8_t>(y, x) = static_cast<std::uint8_t>((x + y) % 40);
-    }
-  }
-  cv::Mat deep_gray, deep_colour;
-  gray.convertTo(deep_gray, CV_16U, 255, 91);
-  colour.convertTo(deep_colour, CV_16U, 256, 200);
-  return {{"gray", encoded(".png", gray)},
-          {"colour", encoded(".png", colour)},
-          {"with alpha", encoded(".png", alpha)},
-          {"gray of 16 bits", encoded(".png", deep_gray)},
-          {"colour of 16 bits", encoded(".png", deep_colour)},
-          {"black and white", encoded(".png", gray > 120, {cv::IMWRITE_PNG_BILEVEL, 1})},
-          {"interlaced", interlaced(gray, 0)},
-          {"interlaced palette", interlaced(indices, 40)}};
-}
-
-TEST(Png, EveryKindIsReadAsOpenCvReadsIt) {
-  for (const auto& [kind, bytes] : soundPictures()) {
-    cv::Mat gray;
-    const auto fault = vision::decodePng(bytes.data(), bytes.size(), gray);
-    ASSERT_FALSE(fault) << kind << ": " << *fault;
-    ASSERT_EQ(gray.type(), CV_8UC1) << kind;
-    const cv::Mat expected =
-        cv::imdecode(bytes, cv::IMREAD_GRAYSCALE | cv::IMREAD_IGNORE_ORIENTATION);
-    ASSERT_EQ(gray.size(), expected.size()) << kind;
-    EXPECT_LE(cv::norm(gray, expected, cv::NORM_INF), 1) << kind;
-    EXPECT_GT(cv::norm(gray, cv::NORM_INF), 100) << kind;
-  }
-}
-
-TEST(Png, ColoursAreWeightedAsTheyAreWhateverThePictureSaysOfThem) {
-  cv::Mat indices(29, 37, CV_8UC1), plain, said;
-  for (int i = 0; i < indices.rows * indices.cols; ++i) {
-    indices.data[i] = static_cast<std::uint8_t>(i % 40);
-  }
-  for (const auto& [says_srgb, gray] : {std::pair(false, &plain), std::pair(true, &said)}) {
-    const Bytes bytes = interlaced(indices, 40, says_srgb);
-    ASSERT_FALSE(vision::decodePng(bytes.data(), bytes.size(), *gray));
-  }
-  EXPECT_EQ(cv::norm(plain, said, cv::NORM_INF), 0);
-}
-
-TEST(Png, ATruncatedPictureIsRefusedWhereverItEnds) {
-  for (const auto& [kind, bytes] : soundPictures()) {
-    for (std::size_t size = 0; size < bytes.size(); size += size < 60 ? 1 : 97) {
-      cv::Mat gray(3, 3, CV_8UC1);
-      const auto fault = vision::decodePng(bytes.data(), size, gray);
-      ASSERT_TRUE(fault) << kind << " of " << size << " bytes";
-      EXPECT_EQ(fault->find("a damaged or truncated PNG: "), 0u) << *fault;
-      EXPECT_TRUE(gray.empty());
-    }
-  }
 }
 
 }  // namespace
