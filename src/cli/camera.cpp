@@ -230,7 +230,7 @@ class Views {
     return static_cast<int>(picker_->chosen().size()) < wanted_;
   }
 
-  // With the likely cause as remedy, if no picture shows the board.
+  // If no picture shows the board, the remedy says what they show of it.
   vision::BoardParts parts() const {
     vision::BoardParts parts = parts_;
     if (seen_ || without_.empty()) return parts;

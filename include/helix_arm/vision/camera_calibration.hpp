@@ -134,8 +134,8 @@ std::vector<MarkedCorner> markedCorners(const CharucoBoard& board,
 BoardObservation charucoObservation(const CharucoBoard& board, const std::string& name,
                                     const cv::Mat& gray);
 
-/// Why pictures that were taken of a ChArUco board show none of these sizes, and the remedy:
-/// another dictionary, another number of squares, another size of the markers, or no markers.
+/// How many markers pictures show of a ChArUco board that is not found in them, and the options by
+/// which the board may differ.
 std::string whyNoCharuco(const CharucoBoard& board, const std::vector<cv::Mat>& pictures);
 
 /// What calibrateCamera() fits, and to how many views.
