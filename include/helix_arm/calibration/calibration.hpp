@@ -28,12 +28,11 @@ struct TwistReading {
   Eigen::MatrixXd covariance;  ///< (6 sections x 6 sections), positive definite
 };
 
-/// What was measured while the pressures were constant. All readings of a data set have the same
-/// kind.
+/// Measurements while the pressures were constant. All readings of a data set have the same kind.
 using Reading = std::variant<CurvatureReading, TwistReading, std::vector<PoseObservation>,
                              std::vector<CornerObservation>>;
 
-/// What was measured at one set of inputs.
+/// Measurements at one set of inputs.
 struct Capture {
   int number;                ///< number in its data set
   Eigen::VectorXd pressure;  ///< (actuators) gauge, within the limits [Pa]
@@ -70,7 +69,8 @@ struct ArmCaptures {
   ArmCaptures under(const std::optional<statics::PointLoad>& hung) const;
 };
 
-/// What can be fitted, in the order of fitParameters(), which is that of messages and help.
+/// Quantities that can be fitted, in the order of fitParameters(), which is that of messages and
+/// help.
 enum class FitParameter {
   kKappa,
   kGamma,
@@ -258,8 +258,8 @@ struct CurveTest {
   /// has if both are of one curve.
   double chi_square;
   int directions;  ///< of the curve that the captures tell: the degrees of freedom
-  /// Of a chi-square at least as large if both are of one curve. Takes into account that few
-  /// captures determine their noise only roughly.
+  /// Probability of a chi-square at least as large if both are of one curve. Takes into account
+  /// that few captures determine their noise only roughly.
   double probability;
 };
 
@@ -270,8 +270,9 @@ struct Calibration {
   std::vector<Parameter> parameters;
   /// (parameters x parameters); rows of parameters that are not fitted are 0. Empty without errors.
   Eigen::MatrixXd correlation;
-  /// Of stiffness parameters, best known first: as many as are correlated by kLeastCorrelation or
-  /// more with another; empty if none are, none is identifiable, or the fit of all did not end.
+  /// Combinations of stiffness parameters, best known first: as many as are correlated by
+  /// kLeastCorrelation or more with another; empty if none are, none is identifiable, or the fit of
+  /// all did not end.
   std::vector<Combination> combinations;
 
   std::optional<model::Stiffness> stiffness;  ///< of every actuator
@@ -296,8 +297,8 @@ struct Calibration {
   double rms = 0;          ///< over the readings that fit
   /// How many times as large as expected the noise is, by the residuals; at least 1.
   double noise_scale = 1;
-  /// What it is in a sound arm, whose tags are placed as tag_prior says and whose pressures are
-  /// off by kPressureError; 1 without CalibrationOptions::errors.
+  /// The usual value in a sound arm, whose tags are placed as tag_prior says and whose pressures
+  /// are off by kPressureError; 1 without CalibrationOptions::errors.
   double usual_scale = 1;
   std::vector<CaptureResidual> captures;
   std::optional<HeldOut> by_pressure, by_arm;

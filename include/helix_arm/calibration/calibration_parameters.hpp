@@ -13,7 +13,7 @@ namespace helix_arm::estimation {
 
 /// Words of a request that stand for several parameters.
 enum class FitGroup { kNone, kStiffness, kPlacement };
-/// What a request without words asks for.
+/// Default of a request without words.
 constexpr FitGroup kDefaultFitGroup = FitGroup::kStiffness;
 
 /// Data that is required to determine a parameter.

@@ -24,19 +24,20 @@ struct TipSeries {
   std::vector<Eigen::Matrix3d> rotation = {};  ///< (rows) of the tip's frame seen from F, or empty
 };
 
-/// What is known of the arm before.
+/// Prior knowledge of the arm.
 struct SeriesPrior {
   statics::ArmModel model;
   lie::SE3 X_BF;  ///< frame of the positions seen from the base
 };
 
-/// What is fitted. Stiffness, scales of lengths and strokes, contraction, base and their priors are
-/// those of CalibrationOptions: contraction frees the curves of the actuators that move.
+/// Quantities to fit. Stiffness, scales of lengths and strokes, contraction, base and their priors
+/// are those of CalibrationOptions: contraction frees the curves of the actuators that move.
 struct SeriesOptions {
   CalibrationOptions arm;
   std::string curve;      ///< the only one that contraction frees; empty: all
   bool response = false;  ///< lag, play and slow state, one for all actuators
-  /// Of the rings of all sections. A turn of the first one, if the base is fitted, is the base's.
+  /// Radius and phase of the rings of all sections. A turn of the first one, if the base is fitted,
+  /// is the base's.
   bool ring_radius = false, ring_phase = false;
   /// Standard deviation of the tip's offset from trial to trial, per axis: where an arm rests moves
   /// from hour to hour. Large ones also take up what the curves should explain. 0: no offset. [m]
@@ -77,12 +78,13 @@ struct SeriesComparison {
   Eigen::MatrixXd deviation;       ///< (these rows x 2 or 3) model - measured, in F [m]
 };
 
-/// What fitSeries() found.
+/// Result of fitSeries().
 struct SeriesFit {
   std::string failure;  ///< cause and remedy; empty if fitted
   std::vector<Parameter> parameters;
   std::optional<model::Stiffness> stiffness;  ///< of every actuator, if fitted
-  /// Of K_kappa of every section, if it is kept; stiffness then has the least K_kappa.
+  /// Factor on K_kappa of every section as a function of the mean input, if it is kept; stiffness
+  /// then has the least K_kappa.
   std::optional<model::StiffnessTable> bending;
   std::optional<double> K_eps;                  ///< [N], if fitted
   std::optional<Eigen::VectorXd> length_scale;  ///< (actuators), if fitted
@@ -94,7 +96,7 @@ struct SeriesFit {
   lie::SE3 X_BF;
   model::Response response;  ///< as fitted or as before
   std::vector<Choice> choices;
-  /// What the data cannot tell apart, and the rule that decides.
+  /// Parameters that the data cannot tell apart, and the rule that decides.
   std::vector<std::string> rules;
   double rms = 0.0;               ///< distance over all rows used [m]
   double rms_about_offset = 0.0;  ///< with the trials' offsets [m]

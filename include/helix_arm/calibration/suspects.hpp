@@ -27,8 +27,8 @@ struct Suspect {
   std::optional<TagLayout> layout;
 };
 
-/// Of a pressure beyond its limit, which counts as at it: regulators and their sensors are not more
-/// accurate [Pa].
+/// Excess of a pressure beyond its limit, which counts as at it: regulators and their sensors are
+/// not more accurate [Pa].
 constexpr double kBeyondLimit = 10e3;
 
 /// Residuals beyond so many times their noise are far from the fitted arm.

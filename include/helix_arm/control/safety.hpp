@@ -64,7 +64,7 @@ enum class Guard : std::uint8_t {
 /// Whether the guard no longer answers and will not answer again.
 constexpr bool isGone(Guard guard) { return guard >= Guard::kStandsStill; }
 
-/// What a channel does in a fault that does not require every channel to vent at once.
+/// Action of a channel in a fault that does not require every channel to vent at once.
 enum class FaultAction : std::uint8_t {
   kVent,
   kHold,   ///< keeps its set point for SafetyRules::hold_time, then vents

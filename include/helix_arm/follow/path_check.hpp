@@ -22,7 +22,7 @@ inline constexpr double kCheckSpacing = 0.002;
 /// A path with more such places is refused.
 inline constexpr int kMostCheckPlaces = 1'000'000;
 
-/// What a path must keep.
+/// Rules for paths.
 struct PathRules {
   double tolerance = kPathTolerance;  ///< largest residual of the inverse, > 0 [m]
   Eigen::VectorXd slew;               ///< (n) of the set points, > 0, may be infinite [Pa/s]

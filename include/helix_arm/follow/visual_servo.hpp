@@ -32,7 +32,7 @@ inline constexpr int kLoopStateCount = 7;
 /// "idle", "open", "closed", "coasting", "yielding", "diverging" or "doubtful".
 const char* nameOf(LoopState state);
 
-/// What a VisualServo is asked for: base frame, [m]. A pose is weighed as InverseOptions say.
+/// Target of a VisualServo: base frame, [m]. A pose is weighed as InverseOptions say.
 using Target = std::variant<Eigen::Vector3d, lie::SE3, model::Twists>;
 
 /// Result of one turn; references are valid until the next turn.
@@ -40,7 +40,7 @@ struct Turn {
   LoopState state = LoopState::kIdle;
   bool commands = false;     ///< `pressure` is to be sent; else nothing is
   Eigen::VectorXd pressure;  ///< (n) inside the limits [Pa]
-  /// Of the corrected model at the wanted place.
+  /// Result of the inverse of the corrected model at the wanted place.
   statics::InverseStatus status = statics::InverseStatus::kReached;
   double residual = 0.0;        ///< norm of the weighted error [m]
   double position_error = 0.0;  ///< distance from its tip to the wanted place [m]
@@ -97,7 +97,7 @@ class VisualServo {
   void close(bool closed);
   /// Forgets what was learnt; the correction fades over a second.
   void reset();
-  /// What to do while something touches the arm, from now on.
+  /// Reaction while something touches the arm, from now on.
   void setOnContact(OnContact reaction);
   /// Whether nothing counts as the begin of a contact, so that quiet() shows what would: see
   /// estimation::LoadForks::ignoreContacts().
@@ -137,14 +137,14 @@ class VisualServo {
   const std::optional<estimation::Mode>& mode() const;
   /// How the arm follows its pressures, by the pictures.
   const estimation::ResponseEstimator& response() const;
-  /// Of the watch, at the last accepted picture; nothing before the first.
+  /// Error budget of the watch, at the last accepted picture; nothing before the first.
   const std::optional<estimation::TipErrorBudget>& budget() const;
   /// Whether a picture was accepted within VisualServoConfig::coast_time before the last turn; else
   /// budget() and load() are out of date.
   bool sees() const;
-  /// What acts on the arm, as of the last picture.
+  /// External load on the arm, as of the last picture.
   const estimation::ExternalLoad& load() const;
-  /// What would have counted as a contact since the last ignoreContacts(true).
+  /// Scores that would have counted as a contact since the last ignoreContacts(true).
   const estimation::QuietScore& quiet() const;
   /// Whether the pictures agree with what was learnt of the arm, as of the last one.
   const estimation::Drift& drift() const;

@@ -10,7 +10,7 @@
 
 namespace helix_arm::follow {
 
-/// What the loop does while something touches the arm.
+/// Reaction of the loop while something touches the arm.
 enum class OnContact : std::uint8_t {
   kReport,  ///< goes on: a payload is carried
   kYield,   ///< correction and path stand still, so that the force does not grow
@@ -35,7 +35,7 @@ constexpr const char* nameOf(OnContact reaction) {
 
 /// Rules of a VisualServo.
 struct VisualServoConfig {
-  /// Of the filter that the control uses.
+  /// Options of the filter that the control uses.
   estimation::ArmFilterOptions filter;
   /// Creep of the filter that watches for loads, which must not swallow them [s^-1/2].
   double watch_creep = 0.05;
@@ -48,8 +48,9 @@ struct VisualServoConfig {
   double time_constant;                       ///< of the regulator's lag, > 0 [s]
   double slew = 1e6;                          ///< at which set points change, > 0 [Pa/s]
   double reading_noise;  ///< standard deviation of a pressure reading, > 0 [Pa]
-  /// Of redundant actuators, while the target moves or the correction changes: kMinChange, or
-  /// kMinPressure, which may jump. Each new target begins at the lowest pressures.
+  /// Preference among the pressures of redundant actuators, while the target moves or the
+  /// correction changes: kMinChange, or kMinPressure, which may jump. Each new target begins at the
+  /// lowest pressures.
   statics::Preference preference = statics::Preference::kMinChange;
   /// How the arm is seen, for its error budget and its loads; nothing: placements count as exact,
   /// and shapes as the mean of the strain.
@@ -59,7 +60,7 @@ struct VisualServoConfig {
   /// A yielding arm that is seen to be touched for longer takes the load as its own, > 0 [s].
   double yield_timeout = 30.0;
 
-  /// Of the filter that watches for loads.
+  /// Options of the filter that watches for loads.
   estimation::ArmFilterOptions watchFilter() const;
   /// @throws std::invalid_argument naming the value and its rule.
   void validate() const;

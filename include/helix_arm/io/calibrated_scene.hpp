@@ -34,14 +34,14 @@ struct SceneCalibration {
   std::optional<lie::SE3> X_BF;  ///< frame of tag poses seen from the base
   /// Placements of the same tags; the tag size is ignored.
   std::optional<estimation::TagLayout> tags;
-  /// Of other fitted parameters: stroke scales (actuators), factors on those of the scene or of the
-  /// new curves; the bleed (1), by which tags look smaller at each edge [m].
+  /// Values of other fitted parameters: stroke scales (actuators), factors on those of the scene or
+  /// of the new curves; the bleed (1), by which tags look smaller at each edge [m].
   std::map<estimation::FitParameter, Eigen::VectorXd> numbers;
   /// Fitted curves that replace those of the same names, with the length scales that these had.
   std::vector<std::pair<std::string, estimation::ContractionFit>> contractions;
   /// Fitted responses of the curves of these names; without lag or play, the key is removed.
   std::vector<std::pair<std::string, model::Response>> responses;
-  /// Of the arm's slowest vibration: follow.mode_hz and follow.mode_damping.
+  /// The arm's slowest vibration: follow.mode_hz and follow.mode_damping.
   std::optional<estimation::Mode> mode;
   Provenance provenance;
 };

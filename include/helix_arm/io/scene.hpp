@@ -83,7 +83,7 @@ struct Scene {
 
   /// The arm's base seen from the camera. Only with a camera.
   lie::SE3 X_CB() const { return camera->X_WC.inverse() * X_WB; }
-  /// What the camera looks at. Only with a camera and tags.
+  /// The camera's view of the arm. Only with a camera and tags.
   estimation::ArmView view() const { return {camera->model, X_CB(), *tags, arm.sectionCount()}; }
   /// Configuration of its simulated camera: camera and tags at their true poses, each
   /// section drawn as thick as its separators. Nothing without a camera or tags.

@@ -28,7 +28,7 @@ std::optional<std::string> shippedNameOf(const std::string& path, const std::str
 /// name that is neither. A file that exists comes first. Nothing, too, where shippedNameOf() knows
 /// what is meant.
 std::optional<std::string> findScene(const std::string& given);
-/// What is wrong with such a name, with those of the shipped scenes.
+/// The fault of such a name, with the names of the shipped scenes.
 std::string unknownScene(const std::string& given);
 /// As findScene(). @throws std::invalid_argument with unknownScene().
 std::string scenePath(const std::string& given);

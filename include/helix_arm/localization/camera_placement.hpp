@@ -17,7 +17,7 @@ struct ShapePrior {
   double rotation = 0.1;      ///< of each entry of w [rad]
 };
 
-/// What placeCamera() takes for known.
+/// Assumptions of placeCamera().
 struct CameraPlacementOptions {
   double corner_noise = 0.3;    ///< expected standard deviation of a corner's coordinate [px]
   TagPrior tag_prior;           ///< of every tag except the one nearest to the base

@@ -17,7 +17,7 @@ struct PlacementDeviations {
   std::vector<lie::Vector6> tags;            ///< (tags of the layout) displacements as of movedBy()
   lie::Vector6 base = lie::Vector6::Zero();  ///< of xi: the true base is at exp(xi) of the nominal
 
-  /// Those of priors. The base tag has none: it defines the reference frame.
+  /// Deviations by the priors. The base tag has none: it defines the reference frame.
   PlacementDeviations(const TagLayout& layout, const TagPrior& tag, const BasePrior& base);
 };
 

@@ -49,7 +49,7 @@ class RigMemory {
   TwistFitOptions options_;
   RigEstimate::Matrix by_placements_;
   RigEstimate estimate_;
-  // Of the pictures alone, as if placements were exact.
+  // Information of the pictures alone, as if placements were exact.
   RigEstimate::Matrix information_ = RigEstimate::Matrix::Zero();
   RigEstimate::Vector weighted_ = RigEstimate::Vector::Zero();  // information times z
   bool teaches_ = false, held_ = false;
@@ -64,7 +64,7 @@ struct BaseMove {
   double deviations = 0.0;    ///< of what is known of it, by Mahalanobis
   bool since_before = false;  ///< it was elsewhere in earlier pictures
 
-  /// What has moved, by how much, and the remedy.
+  /// The part that has moved, by how much, and the remedy.
   std::string message() const;
 };
 

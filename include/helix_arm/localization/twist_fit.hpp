@@ -38,7 +38,7 @@ struct ModelPrior {
 
 struct TwistFitOptions;
 
-/// What is known of base and bleed, which stay as they are while the arm moves.
+/// Estimate of base and bleed, which stay as they are while the arm moves.
 struct RigEstimate {
   using Vector = Eigen::Matrix<double, 7, 1>;
   using Matrix = Eigen::Matrix<double, 7, 7>;
@@ -149,7 +149,8 @@ class TwistFitter {
   const TagLayout& layout() const;
   const TwistFitOptions& options() const;
 
-  /// What is known of base and bleed before the next fits, instead of the priors of the options.
+  /// Sets the estimate of base and bleed before the next fits, instead of the priors of the
+  /// options.
   /// @throws std::invalid_argument if it is not finite or its covariance not positive definite.
   void know(const RigEstimate& rig);
 

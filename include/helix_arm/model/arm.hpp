@@ -100,20 +100,23 @@ class ArmOf {
   const ActuatorOf<Group>& actuator(int i) const { return actuators_[i]; }
   /// Index of section k's first actuator; firstActuator(sectionCount()) is actuatorCount().
   int firstActuator(int k) const { return first_[k]; }
-  /// Of a tapered section, the mean over s; with the least K_kappa, where it depends on inputs.
+  /// Equilibrium of section k; of a tapered section the mean over s; with the least K_kappa, where
+  /// it depends on inputs.
   const Equilibrium<Group>& equilibrium(int k) const { return equilibria_[k]; }
   /// Null if section k is not tapered.
   const std::shared_ptr<const TaperOf<Group>>& taper(int k) const { return tapers_[k]; }
   /// Whether any section is tapered.
   bool tapered() const { return steps_ > 0; }
-  /// Of K_kappa of section k, against the mean input of its actuators; empty if it is constant.
+  /// Factor on K_kappa of section k as a function of the mean input of its actuators; empty if it
+  /// is constant.
   const StiffnessTable& bending(int k) const { return bending_[k]; }
   /// Whether K_kappa of any section depends on inputs.
   bool hasTables() const { return has_tables_; }
   /// Whether the twist of each section is constant and linear in the lengths: without taper, and
   /// with constant K_kappa.
   bool isLinear() const { return is_linear_; }
-  /// What section k lacks for a stiffness that depends on inputs, as a remedy; null if nothing.
+  /// The missing condition of section k for a stiffness that depends on inputs, as a remedy; null
+  /// if nothing.
   const char* needForTables(int k) const;
   /// Number of pieces per section of the shape without load: 1, or the steps of a tapered arm.
   int piecesPerSection() const { return steps_ > 0 ? steps_ : 1; }
@@ -168,8 +171,8 @@ class ArmOf {
     double factor;
     typename TaperOf<Group>::Lengths by_length;
   };
-  /// That of section k at given lengths (n) [m] of all actuators: K_kappa is as at the inputs that
-  /// give these lengths; beyond its limits, an actuator counts as there.
+  /// Bending of section k at given lengths (n) [m] of all actuators: K_kappa is as at the inputs
+  /// that give these lengths; beyond its limits, an actuator counts as there.
   Bending bendingOfLengths(const InputRef& lengths, int k) const noexcept;
 
   /// Equilibrium of a section at given lengths.
@@ -177,7 +180,7 @@ class ArmOf {
     typename Group::Tangent twist;      ///< A^-1 D l
     typename Group::Matrix compliance;  ///< A^-1
   };
-  /// That of section k, to which needForTables() applies, with other stiffness.
+  /// Balance of section k, to which needForTables() applies, with other stiffness.
   /// @param lengths  (n) [m]. @param bending  factor on K_kappa. @param factors  (n) on the whole
   ///     stiffness of each actuator; null: 1.
   Balance balance(int k, const InputRef& lengths, double bending,

@@ -64,8 +64,8 @@ class LagShare {
   double dt_ = -1.0, time_constant_ = -1.0, share_ = 0.0;
 };
 
-/// What a slow state takes over of the distance between a lag and its input, computed once for all
-/// actuators alike.
+/// Share that a slow state takes over of the distance between a lag and its input, computed once
+/// for all actuators alike.
 class SlowShare {
  public:
   /// The part of x - p at the begin that s - p has after dt, if s - p was 0, while p holds.
@@ -81,7 +81,8 @@ struct ResponseShares {
   SlowShare slow_rise, slow_fall;
 };
 
-/// What a move of x finds: the slow state where it was, as right after the move, or at rest with x.
+/// State that a move of x finds: the slow state where it was, as right after the move, or at rest
+/// with x.
 enum class AfterMove { kSlowHeld, kAtRest };
 
 /// Lag, plays and slow state of one actuator at present. Fixed size; no call allocates.

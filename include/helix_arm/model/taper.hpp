@@ -36,8 +36,9 @@ struct MagnusTerms {
   Value value, slope, curvature;
 };
 
-/// Those of the quadratic with the moments of g from s = from to s = to, which three Gauss points
-/// integrate in each cell: where g changes its slope between two cells, a step keeps its order.
+/// Magnus terms of the quadratic with the moments of g from s = from to s = to, which three Gauss
+/// points integrate in each cell: where g changes its slope between two cells, a step keeps its
+/// order.
 /// @param cells  in s = 0 to 1. @param zero  of g's shape. @param at  g(s).
 template <class Value, class At>
 MagnusTerms<Value> magnusTerms(double from, double to, int cells, const Value& zero, const At& at) {

@@ -16,7 +16,7 @@ std::string budgetTable(const estimation::TipErrorBudget& budget);
 /// for letters of any width.
 std::string budgetText(const estimation::TipErrorBudget& budget);
 
-/// What ExternalLoad::blind means, and the remedy.
+/// Meaning of ExternalLoad::blind, and the remedy.
 inline constexpr char kContactBlind[] =
     "contacts may not be found: the model finds no shape under a force at the tip, or the seen "
     "tags do not determine one; check load and K_eps_n";

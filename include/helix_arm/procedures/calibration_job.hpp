@@ -20,7 +20,7 @@ namespace helix_arm::procedures {
 
 /// Request of a calibration.
 struct CalibrationRequest {
-  /// What to fit: words of estimation::fitWords(); default: stiffness. Without free lengths,
+  /// Parameters to fit: words of estimation::fitWords(); default: stiffness. Without free lengths,
   /// contraction means length_scale.
   std::vector<std::string> fit;
   std::string contraction;  ///< name of one of the scene's curves; empty if it has only one
@@ -60,8 +60,8 @@ struct CurveInArm {
   double deviation = 0;        ///< [m]
   double standard_errors = 0;  ///< of the free lengths
   double pressure = 0;         ///< where it is [Pa]
-  /// Of a deviation at least as large of all of the curve, if captures and free lengths are of one
-  /// curve: see CurveTest.
+  /// Probability of a deviation at least as large of all of the curve, if captures and free lengths
+  /// are of one curve: see CurveTest.
   double probability = 1;
 };
 
@@ -103,9 +103,9 @@ struct CalibrationOutcome {
   /// other parameters as fitted. Tips are those of the shapes fitted to each sound capture's tags;
   /// for curvatures see fitLeastTipError().
   std::optional<estimation::LeastTipError> least_tip_error;
-  /// Of the scene's own captures, before and after, where they show tags; else empty [m].
+  /// Tip error of the scene's own captures, before and after, where they show tags; else empty [m].
   std::optional<double> tip_error_before, tip_error_after;
-  /// Of captures that the fit leaves beyond their noise, best first; empty for series.
+  /// Suspects of captures that the fit leaves beyond their noise, best first; empty for series.
   std::vector<estimation::Suspect> suspects;
   std::vector<std::string> warnings;
   std::string scene_text;  ///< of the calibrated scene; empty without success
@@ -133,7 +133,7 @@ std::vector<double> tipErrors(const io::Scene& scene,
 std::optional<double> medianTipError(const io::Scene& scene,
                                      const std::vector<estimation::Capture>& captures);
 
-// What an outcome says, in words.
+// Texts of an outcome.
 
 /// All fitted numbers: those of the calibration, then those of the response and the mode.
 std::vector<estimation::Parameter> parametersOf(const CalibrationOutcome& outcome);
@@ -141,7 +141,7 @@ std::vector<estimation::Parameter> parametersOf(const CalibrationOutcome& outcom
 /// Whether a parameter has a standard error and a verdict: not without CalibrationRequest::errors.
 bool isJudged(const estimation::Parameter& parameter);
 
-/// What the data of a calibration determined; without errors, what was fitted.
+/// Parameters that the data of a calibration determined; without errors, what was fitted.
 struct Determined {
   std::vector<estimation::Parameter> parameters;  ///< without those of tags
   std::vector<int> tags;  ///< ids of tags with a parameter that was determined, ascending
@@ -157,7 +157,7 @@ std::string textOf(const estimation::Parameter& parameter);
 /// "+- a factor of 15".
 std::string textOf(const estimation::Combination& combination);
 
-/// What stands for the numbers of a placement: "pose of the base" if it has some, "places of 3
+/// Texts in place of the numbers of a placement: "pose of the base" if it has some, "places of 3
 /// tags" if these have some.
 std::vector<std::string> placementTexts(bool base, std::size_t tags);
 

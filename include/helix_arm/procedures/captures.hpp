@@ -42,13 +42,14 @@ struct LoadedCaptures {
   std::vector<int> unknownIds() const;
 };
 
-/// What becomes of pressures outside the actuators' limits: a fault, or left to a calibration,
-/// which names what usually explains them.
+/// Treatment of pressures outside the actuators' limits: a fault, or left to a calibration, which
+/// names what usually explains them.
 enum class OutsideLimits { kFault, kKept };
 
-/// What hangs on the arm in each capture, by its number: columns load_mass_kg or load_force_x_n ..
-/// load_force_z_n (world frame), at load_s: 0 at the base, the number of sections at the tip, which
-/// is the default. Nothing where they are 0, or say what the scene's load has there.
+/// Load that hangs on the arm in each capture, by its number: columns load_mass_kg or
+/// load_force_x_n .. load_force_z_n (world frame), at load_s: 0 at the base, the number of sections
+/// at the tip, which is the default. Nothing where they are 0, or say what the scene's load has
+/// there.
 /// @throws DocumentError with all faults: an arm without K_eps, a mass without gravity, a place off
 /// the arm, another load than the scene has there, a load that changes within a capture.
 std::map<int, statics::PointLoad> hungOf(const io::Scene& scene, const io::DataSet& data);
@@ -84,7 +85,7 @@ const estimation::TwistFit& fitTags(const io::Scene& scene, const estimation::Re
 
 // Captures that no shape explains, see estimation::checkCaptures().
 
-/// Of tag positions.
+/// Scatter of tag positions.
 estimation::CaptureScatter scatterOfPoses(const estimation::TwistFit& fit, bool planar);
 
 /// "no shape explains it: its tags are off by RMS 54.0 mm, usual are 13.7 mm; ...".

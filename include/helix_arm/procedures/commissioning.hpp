@@ -30,7 +30,7 @@ regulator::SimulatedRegulatorConfig simulatedRegulatorOf(const io::Scene& scene)
 CalibrationData walkSimulatedRig(const io::Scene& scene, const io::Scene& rig,
                                  const Eigen::MatrixXd& plan, std::uint32_t seed);
 
-/// What one actuator does alone.
+/// Motion by one actuator alone.
 struct WalkedChannel {
   std::string actuator;
   /// From rest, where the tip goes across the arm: along y and z of the base [m]; NaN if unseen.
@@ -49,13 +49,13 @@ struct WalkedSensor {
   int reads_as = -1;    ///< index of the actuator that it reads, if it is another one
 };
 
-/// What a walk found.
+/// Result of a walk.
 struct Commissioning {
   std::vector<WalkedChannel> channels;  ///< (actuators)
   std::vector<WalkedSensor> sensors;    ///< (actuators)
   /// Ids of those that should face the camera in most steps, and were never seen.
   std::vector<int> missing_tags;
-  /// What usually explains the captures, best first, as estimation::suspectsOf() tells.
+  /// Usual causes that explain the captures, best first, as estimation::suspectsOf() tells.
   std::vector<estimation::Suspect> suspects;
   /// In words, the leading one first; empty if all is where the scene says.
   std::vector<std::string> findings;

@@ -32,7 +32,7 @@ struct PictureDrift {
   Eigen::Vector2d pixels = Eigen::Vector2d::Zero();  ///< displacement at the end [px]
 };
 
-/// What a simulated arm is to follow, and how. Either tips or a path.
+/// Task of a simulated arm, and its conditions. Either tips or a path.
 struct FollowPlan {
   std::vector<Eigen::Vector3d> tips;     ///< base frame [m]; they share the seconds evenly
   std::optional<control::TipPath> path;  ///< begins when the tip has moved to its first point
@@ -60,7 +60,8 @@ struct FollowRow {
   std::optional<Eigen::Vector3d> measured;
   double measured_time;
   std::optional<Eigen::Vector3d> predicted;
-  /// Of `predicted`, without the placements, in rows with `measured`: see follow::Prediction [m^2].
+  /// Covariance of `predicted`, without the placements, in rows with `measured`: see
+  /// follow::Prediction [m^2].
   std::optional<Eigen::Matrix3d> predicted_covariance;
   Eigen::VectorXd pressure;  ///< (n) true, gauge [Pa]
   follow::LoopState state;
@@ -77,8 +78,8 @@ inline constexpr double kLeastTipTime = 1.0;
 struct FollowFigures {
   /// From the path's start to its end, or to that of the run [m]; nothing if it did not start.
   std::optional<double> path_rms, path_max;
-  /// Of the last turn of a closed path, from where it last passed its end before; its whole if it
-  /// has one turn [m].
+  /// Error of the last turn of a closed path, from where it last passed its end before; its whole
+  /// if it has one turn [m].
   std::optional<double> last_turn_rms;
   std::vector<double> steady_rms;             ///< of each tip's last second [m]
   std::vector<std::optional<double>> settle;  ///< time until within 2 mm + 5 % for good [s]

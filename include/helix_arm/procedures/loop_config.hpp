@@ -21,13 +21,13 @@ follow::VisualServoConfig loopConfigOf(const io::Scene& scene);
 /// the scene, or the standard error of a calibration that found it.
 vision::LocalizerConfig localizerConfigOf(const io::Scene& scene);
 
-/// What a user should know of that configuration before the arm moves; empty if nothing.
+/// Warning of that configuration before the arm moves; empty if nothing.
 std::string loopWarning(const follow::VisualServoConfig& config);
 
 /// Ids of the tags, of those with these indices, that no capture of the calibration shows: they
 /// count by the prior of their placement. Empty if no calibration placed the tags.
 std::vector<int> uncalibratedTags(const estimation::TagLayout& layout, const std::vector<int>& of);
-/// What that means, and the remedy; empty without ids.
+/// The meaning of such ids, and the remedy; empty without ids.
 std::string uncalibratedText(const std::vector<int>& ids);
 
 /// The scene's view of its arm, with the standard errors of its calibration where that fitted

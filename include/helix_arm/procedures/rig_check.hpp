@@ -29,8 +29,8 @@ struct Finding {
 /// The worst first, otherwise in their order.
 void sortBySeverity(std::vector<Finding>& findings);
 
-/// What the camera sees of the arm over its workspace. A tag in sight faces the camera, lies in its
-/// picture and has bits of kLeastPixelsPerBit or more.
+/// View that the camera has of the arm over its workspace. A tag in sight faces the camera, lies in
+/// its picture and has bits of kLeastPixelsPerBit or more.
 struct VisionFigures {
   int samples = 0;           ///< inputs at which a shape was found
   int least_tags = 0;        ///< fewest tags in sight
@@ -38,11 +38,12 @@ struct VisionFigures {
   double measured = 0;       ///< part of the samples in which the shape can be measured
   double median_tip_sd = 0;  ///< of the tip along its worst direction, where measured [m]
   double worst_tip_sd = 0;   ///< [m]
-  /// Of tags that face the camera, readable or not: the value that 90 % of them exceed [px].
+  /// Resolution of tags that face the camera, readable or not: the value that 90 % of them exceed
+  /// [px].
   double pixels_per_bit = 0;
 };
 
-/// What checkRig() found.
+/// Result of checkRig().
 struct RigCheck {
   std::vector<Finding> findings;
   std::optional<VisionFigures> vision;  ///< only with camera and tags

@@ -13,7 +13,7 @@
 
 namespace helix_arm::regulator {
 
-/// What a regulator is and can do, by its configuration and its profile.
+/// Kind and abilities of a regulator, by its configuration and its profile.
 struct DeviceFacts {
   std::string kind;               ///< its key in a scene
   std::string profile = {};       ///< name; empty if it has none

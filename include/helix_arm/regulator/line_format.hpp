@@ -27,8 +27,8 @@ inline constexpr std::size_t kLongestLine = 512;
 /// The line followed by "*" and its checksum, four upper-case hexadecimal digits: CRC-16/IBM-3740
 /// (polynomial 0x1021, initial value 0xFFFF, not reflected) of the bytes before "*".
 std::string withChecksum(const std::string& line);
-/// What stands before a line's checksum, ignoring terminator and blanks at its end; nothing if the
-/// checksum is missing or wrong. Up to kLongestLine, one or two flipped bits are always found.
+/// The part of a line before its checksum, ignoring terminator and blanks at its end; nothing if
+/// the checksum is missing or wrong. Up to kLongestLine, one or two flipped bits are always found.
 std::optional<std::string> withoutChecksum(std::string_view line);
 
 /// A template of a text line with fields, parsed once: writes and reads such lines.

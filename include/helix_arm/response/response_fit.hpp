@@ -8,7 +8,7 @@
 
 namespace helix_arm::estimation {
 
-/// What was found of a part of a response.
+/// Verdict on a part of a response.
 enum class ResponseVerdict {
   kFound,
   kNone,           ///< the data determine it to be none: within two standard errors of 0
@@ -32,7 +32,7 @@ struct ResponseFit {
   Estimate rise_time, fall_time;                 ///< [s]
   std::array<Estimate, model::kMaxPlays> reach;  ///< [Pa]; error 0 if it was held
   std::array<Estimate, model::kMaxPlays> weight;
-  /// Of the readings about the best curve without a response; of positions their distance.
+  /// Residual of the readings about the best curve without a response; of positions their distance.
   double static_rms = 0.0;
   double rms = 0.0;  ///< with it
 

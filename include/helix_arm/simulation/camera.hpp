@@ -14,7 +14,7 @@
 
 namespace helix_arm::simulation {
 
-/// What is printed on a flat card, row by row from its top left.
+/// Print on a flat card, row by row from its top left.
 struct CardPrint {
   cv::Mat cells;               ///< (CV_8UC1) 0 or 255
   std::vector<double> across;  ///< width of each column of cells [units]
@@ -61,7 +61,7 @@ SimulatedCamera boardCamera(const estimation::Camera& camera, const vision::TagB
 SimulatedCamera boardCamera(const estimation::Camera& camera, const vision::CharucoBoard& board,
                             const lie::SE3& X_CP, const SimulatedCameraConfig& config);
 
-/// What such a camera renders: an arm of one section, out of sight.
+/// Shape for a camera without an arm in view: an arm of one section, out of sight.
 inline const model::Twists kArmOutOfView = model::Twists::Identity(6, 1) * 0.4;
 
 }  // namespace helix_arm::simulation

@@ -45,8 +45,8 @@ struct ArmDeviation {
   Eigen::VectorXd stroke_scales = {};
   /// (n) factors on K_gamma, K_tau and K_kappa of each actuator, > 0; empty: 1 each.
   Eigen::VectorXd stiffness_scales = {};
-  /// Of a SimulatedRig, as the response: how it swings, and the time by which it follows its
-  /// pressures late, >= 0 [s].
+  /// Vibration of a SimulatedRig, as the response: how it swings, and the time by which it follows
+  /// its pressures late, >= 0 [s].
   std::optional<SwingMode> mode = std::nullopt;
   double dead_time = 0.0;
 

@@ -42,9 +42,9 @@ std::optional<DeviceFault> parseDeviceFault(const std::string& name);
 
 /// Configuration of an emulated regulator.
 struct EmulatedDeviceConfig {
-  /// What its driver is given: not simulated. On a serial line, `device` is a symlink to it that
-  /// is removed at the end; empty: none. An existing symlink is replaced, unless it points to an
-  /// existing pseudo terminal. A port is of 127.0.0.1; 0: any free one. Slots are ignored.
+  /// Configuration for its driver: not simulated. On a serial line, `device` is a symlink to it
+  /// that is removed at the end; empty: none. An existing symlink is replaced, unless it points to
+  /// an existing pseudo terminal. A port is of 127.0.0.1; 0: any free one. Slots are ignored.
   regulator::Config regulator;
   int channels = 1;  ///< of the device, >= 1; of Modbus, the last slot has all of its outlets
   regulator::SimulatedRegulatorConfig valves;  ///< dynamics of its valves

@@ -55,7 +55,7 @@ class SimulatedVision {
   std::optional<MeasuredShape> look(const model::Shape& truth, const model::Shape& model);
   /// Why the last look() that measured nothing did not.
   const std::string& whyUnseen() const;
-  /// What the pictures so far show of camera and base: see estimation::BaseWatch.
+  /// Motion of camera and base that the pictures so far show: see estimation::BaseWatch.
   const std::optional<estimation::BaseMove>& moved() const;
   /// From now on pictures are displaced by this, as by a camera that has turned [px].
   void shift(const Eigen::Vector2d& pixels);

@@ -37,7 +37,7 @@ Preference preferenceOf(const std::string& word);
 /// Largest accepted magnitude of a target's entry, [m] or [rad].
 inline constexpr double kFarthestTarget = 1e6;
 
-/// What an inverse prefers, and when it ends.
+/// Preference and end of an inverse.
 struct InverseOptions {
   Preference preference = Preference::kMinPressure;
   double cocontraction = 0.5;        ///< preferred fraction of each actuator's range, in [0, 1]

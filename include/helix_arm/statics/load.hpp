@@ -31,8 +31,8 @@ struct Load {
   /// Extensional stiffness K_eps of one actuator of each section, by which K is normalised, > 0
   /// [N].
   std::vector<double> K_eps;
-  /// Of K_eps against each actuator's own input, per section, relative to its K_eps, which is then
-  /// the least one; empty if all are constant.
+  /// Factor on K_eps as a function of each actuator's own input, per section, relative to its
+  /// K_eps, which is then the least one; empty if all are constant.
   std::vector<StiffnessTable> tables;
   std::vector<PointLoad> points;
 

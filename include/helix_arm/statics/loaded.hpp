@@ -120,7 +120,7 @@ class LoadedArmOf {
   Load load_;
   std::vector<typename Group::Matrix> compliance_;  // of each section
   std::vector<typename model::Equilibrium<Group>::Basis> null_space_;
-  // Of tapered sections, null for the others: with the factor l / K_eps of its compliance.
+  // Tapers of tapered sections, null for the others: with the factor l / K_eps of its compliance.
   std::vector<std::shared_ptr<const model::TaperOf<Group>>> tapers_;
   std::vector<double> per_K_;
   std::vector<int> first_;  // actuator of each section

@@ -33,8 +33,8 @@ std::vector<std::string> tierWords();
 /// Whether the tier accounts for loads: loaded and exact do.
 bool takesLoad(Tier tier);
 
-/// What the user requests. Without tier, tip error and time, the result is the cheapest tier that
-/// the scene requires; under load, the cheapest whose tip error is at most kUsualTipError.
+/// Request of the user. Without tier, tip error and time, the result is the cheapest tier that the
+/// scene requires; under load, the cheapest whose tip error is at most kUsualTipError.
 struct TierRequest {
   std::optional<Tier> tier;  ///< absent: automatic choice
   std::optional<int> order;  ///< order of Tier::kLoaded, with the range of LoadedArmOf

@@ -69,7 +69,7 @@ class ActuatorChange final : public UnloadedChange<Group> {
 
  private:
   using Matrix = typename Group::Matrix;
-  // Of an actuator: the factor on its stiffness, and its derivative by the length.
+  // Factor of an actuator: that on its stiffness, and its derivative by the length.
   struct Factor {
     double value = 1.0, slope = 0.0;
   };

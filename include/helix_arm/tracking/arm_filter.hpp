@@ -32,7 +32,7 @@ inline constexpr int kObservationFaultCount = 10;  ///< number of values
 /// "implausible", "unbalanced" or "outlier".
 const char* nameOf(ObservationFault fault);
 
-/// What became of a measurement.
+/// Use that was made of a measurement.
 struct Observation {
   ObservationFault fault = ObservationFault::kNone;
   double distance2 = 0.0;  ///< squared Mahalanobis distance from the prediction
@@ -62,7 +62,7 @@ class ArmFilter {
     Eigen::MatrixXd by_pressure;  ///< (d x n) [1/Pa]
     Eigen::MatrixXd by_lengths;   ///< (d x n) [1/m]
   };
-  /// What happened at the last picture, for filters that run beside this one.
+  /// Record of the last picture, for filters that run beside this one.
   struct Step {
     Linearisation model;
     Eigen::VectorXd theta;          ///< (parameters) at which `model` holds

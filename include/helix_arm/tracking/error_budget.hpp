@@ -97,7 +97,7 @@ class ErrorBudget {
   void reset();
 
  private:
-  // What changes little from picture to picture.
+  // Parts that change little from picture to picture.
   struct Slow {
     Eigen::VectorXd pressure;        // at which it holds (n) [Pa]
     std::vector<int> tags;           // in sight

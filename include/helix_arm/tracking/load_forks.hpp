@@ -34,7 +34,7 @@ struct ExternalLoad {
   bool blind = false;
 };
 
-/// What a LoadForks would take for contacts while nothing touches the arm.
+/// Scores that would count as contacts while nothing touches the arm.
 struct QuietScore {
   double highest = 0.0;  ///< score of all pictures in which a contact could have begun
   double seconds = 0.0;  ///< of these, those of a resting arm, in time of pictures [s]
@@ -50,7 +50,7 @@ struct Drift {
   /// camera or base that has moved, or a changed arm. Ends after half a second within that.
   bool doubtful = false;
   double distance = 0.0;  ///< [m]
-  /// What hysteresis, creep and noise explain: chi-square's 99.9 % point; at least 5 mm [m].
+  /// Share that hysteresis, creep and noise explain: chi-square's 99.9 % point; at least 5 mm [m].
   double allowed = 0.0;
   double age = 0.0;  ///< of what was learnt, in time of pictures [s]
 };
@@ -98,7 +98,7 @@ class LoadForks {
   /// After the last picture.
   const ExternalLoad& load() const;
   const Drift& drift() const;
-  /// Of the pictures without contact since the last ignoreContacts(true).
+  /// Scores of the pictures without contact since the last ignoreContacts(true).
   const QuietScore& quiet() const;
 
  private:

@@ -58,7 +58,7 @@ class ModeEstimator {
 
   /// Nothing as long as the pictures show none.
   const std::optional<Mode>& mode() const { return mode_; }
-  /// What a mode that the pictures have not refuted, at a damping of 0.16, adds at most to the
+  /// Most that a mode which the pictures have not refuted, at a damping of 0.16, adds to the
   /// lengths after their rates have changed (n) [m].
   const Eigen::VectorXd& possibleSwing() const { return possible_; }
 

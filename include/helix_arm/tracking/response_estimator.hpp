@@ -49,11 +49,11 @@ class ResponseEstimator {
   Estimated play() const;
   /// Nothing as long as the pictures show none, and none is told.
   std::optional<Mode> mode() const;
-  /// What that adds to the lengths at the last time (n) [m].
+  /// Contribution of that mode to the lengths at the last time (n) [m].
   const Eigen::VectorXd& swing() const { return swing_; }
   /// As ModeEstimator::possibleSwing().
   const Eigen::VectorXd& possibleSwing() const { return modes_.possibleSwing(); }
-  /// What a standard error of the lag changes in the lengths at the last time (n) [m].
+  /// Change by a standard error of the lag in the lengths at the last time (n) [m].
   Eigen::VectorXd lagError() const;
 
  private:

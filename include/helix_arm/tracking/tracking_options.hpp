@@ -6,7 +6,7 @@
 
 namespace helix_arm::estimation {
 
-/// What an ArmFilter assumes. The defaults are those of a McKibben arm with a webcam.
+/// Assumptions of an ArmFilter. The defaults are those of a McKibben arm with a webcam.
 struct ArmFilterOptions {
   /// Part of a motion that hysteresis may leave behind, >= 0.
   double hysteresis = 0.2;
@@ -30,7 +30,7 @@ struct ArmFilterOptions {
   void validate() const;
 };
 
-/// What LoadForks assume. Forces are those on an arm of TipCompliance::kTypicalStiffness; on
+/// Assumptions of LoadForks. Forces are those on an arm of TipCompliance::kTypicalStiffness; on
 /// another they are in proportion to its K_eps.
 struct LoadForksOptions {
   /// Score beyond which something touches the arm, > 0. A lower one finds lighter contacts, and

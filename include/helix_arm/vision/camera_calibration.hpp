@@ -138,7 +138,7 @@ BoardObservation charucoObservation(const CharucoBoard& board, const std::string
 /// which the board may differ.
 std::string whyNoCharuco(const CharucoBoard& board, const std::vector<cv::Mat>& pictures);
 
-/// What calibrateCamera() fits, and to how many views.
+/// Parameters that calibrateCamera() fits, and number of views.
 struct CameraCalibrationOptions {
   /// Number of coefficients of distortion: 0, 2 (k1 k2), 4 (k1 k2 p1 p2), 5 (and k3) or 8 (and k4
   /// k5 k6). The others are 0.
@@ -189,7 +189,7 @@ struct CameraCalibration {
   double reach = 0;
   int tilted_views = 0;  ///< number of used views that are tilted by 20 degrees or more
   std::vector<CalibratedView> views;
-  /// What limits the accuracy, each with its value and remedy.
+  /// Limits of the accuracy, each with its value and remedy.
   std::vector<std::string> warnings;
 };
 

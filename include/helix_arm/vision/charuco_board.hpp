@@ -9,7 +9,7 @@
 
 namespace helix_arm::vision {
 
-/// What messages call the parts of a calibration board, and how many of them a picture must show.
+/// Names of the parts of a calibration board in messages, and how many of them a picture must show.
 struct BoardParts {
   std::string name;    ///< plural, as in "tags of the board"
   int corners = 1;     ///< of each part
