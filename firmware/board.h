@@ -72,7 +72,7 @@ typedef struct {
 #define CHANNELS_MOST 3
 #define UART_RX_vect USART_RX_vect
 #define UART_EMPTY_vect USART_UDRE_vect
-// Of Arduino Uno and Nano. None is a line of the programmer, which would move its valve.
+// Pins of Arduino Uno and Nano. None is a line of the programmer, which would move its valve.
 #define INLETS                                     \
   {{&PORTD, 6}, &OCR0A, &TCCR0A, COM0A1}, /* D6 */ \
   {{&PORTD, 5}, &OCR0B, &TCCR0A, COM0B1}, /* D5 */ \
@@ -85,7 +85,7 @@ typedef volatile uint8_t PwmCompare;
 #define CHANNELS_MOST 8
 #define UART_RX_vect USART0_RX_vect
 #define UART_EMPTY_vect USART0_UDRE_vect
-// Of Arduino Mega 2560.
+// Pins of Arduino Mega 2560.
 #define INLETS                                      \
   {{&PORTE, 3}, &OCR3A, &TCCR3A, COM3A1}, /* D5 */  \
   {{&PORTE, 4}, &OCR3B, &TCCR3A, COM3B1}, /* D2 */  \

@@ -25,9 +25,9 @@ using nlohmann::json;
 
 constexpr std::uint64_t kMostBagBytes = 16ULL << 30U;
 
-// What is read of a recording: a topic by its name behind the last `/`, its type, and the checksum
-// of the definition in msg/, which bag_captures_test compares: the command is built without ROS
-// too.
+// Topics that are read of a recording: a topic by its name behind the last `/`, its type, and the
+// checksum of the definition in msg/, which bag_captures_test compares: the command is built
+// without ROS too.
 enum Topic { kDetections, kTagPoses, kMeasured, kCommand, kTopicCount };
 const char* const kTags[] = {"helix_arm/TagDetections", "c1e7488b8f93702d089fe2e6bc94cf25"};
 // Poses of tags seen from the camera, which another detector tells.
@@ -48,7 +48,7 @@ json rulesOf() {
   return rules;
 }
 
-// What scripts/read_bag prints of a file that is open: its path may lead to another one meanwhile.
+// Output of scripts/read_bag of a file that is open: its path may lead to another one meanwhile.
 std::string printedOf(const basics::RegularFile& file, const std::string& path) try {
   const std::string opened =
       "/proc/" + std::to_string(getpid()) + "/fd/" + std::to_string(file.descriptor());

@@ -11,7 +11,8 @@
 /// the readings of a series count.
 namespace helix_arm::basics {
 
-/// Of half the cost about an estimate: H = J'WJ and g = J'Wr of residuals r with weights W.
+/// Normal equations of half the cost about an estimate: H = J'WJ and g = J'Wr of residuals r with
+/// weights W.
 struct DenseEquations {
   Eigen::MatrixXd hessian;
   Eigen::VectorXd gradient;

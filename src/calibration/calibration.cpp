@@ -65,7 +65,7 @@ std::vector<Parameter> fittedParameters(const CalibrationFit& fit) {
   return out;
 }
 
-// Of the first parameters; the others are not fitted.
+// Correlation of the first parameters; the others are not fitted.
 Eigen::MatrixXd correlationOf(const Eigen::MatrixXd& covariance, int fitted, int all) {
   Eigen::MatrixXd out = Eigen::MatrixXd::Zero(all, all);
   for (int i = 0; i < fitted; ++i) {

@@ -27,7 +27,7 @@ class LinearisedReadings {
   void update(const Values& values, const Eigen::VectorXd& numbers, const Included& included,
               bool derivatives);
 
-  // Of the last values, for captures that were included. Residuals are in expected standard
+  // Results at the last values, for captures that were included. Residuals are in expected standard
   // deviations.
   /// Squared residuals; infinite if the term has none there.
   double square(std::size_t term) const { return squares_[term]; }
@@ -87,7 +87,7 @@ class ArrowEquations {
 
   /// Factors J'WJ + diag(damping). @return false if it is not positive definite.
   bool factor(const Eigen::VectorXd& damping);
-  // Of the last factors.
+  // Results with the last factors.
   /// Solution of (J'WJ + diag(damping)) x = -J'Wr.
   Eigen::VectorXd step() const;
   /// Inverse of the Schur complement, in the order of the blocks that are not eliminated.

@@ -289,7 +289,7 @@ bool canBeFittedAsWell(const FitParameterInfo& info, const std::vector<ArmCaptur
   return !unfit(arms, options, kind);
 }
 
-// What the captures say of a parameter that was not fitted.
+// Test by the captures of a parameter that was not fitted.
 struct HeldTest {
   const FitParameterInfo* info = nullptr;
   double probability = 1;        // of such captures, or less likely ones, if its value is right

@@ -94,7 +94,7 @@ class CalibrationProblem {
   model::Shape shape(int capture);
 
  private:
-  // What to minimise; see solve().
+  // The cost to minimise; see solve().
   struct Task {
     double noise_scale;
     const Included& included;

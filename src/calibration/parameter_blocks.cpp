@@ -195,7 +195,7 @@ int ParameterBlocks::columns() const {
   return blocks_.empty() ? 0 : blocks_.back().column + blocks_.back().size();
 }
 
-// Those of shapes come last.
+// Numbers of shapes come last.
 Eigen::VectorXd ParameterBlocks::vector() const {
   return numbers().head(static_cast<Eigen::Index>(infos_.size()));
 }

@@ -16,7 +16,7 @@
 #include "parameter_blocks.hpp"
 #include "shape_model.hpp"
 
-/// What the costs of a calibration share, and the arm and lengths of each.
+/// State that the costs of a calibration share, and the arm and lengths of each.
 namespace helix_arm::estimation {
 
 // Entries of an arm's twists that are free if shapes are fitted.
@@ -68,7 +68,7 @@ struct Place {
   Eigen::VectorXd lengths;   // at its pressures [m]
   Eigen::VectorXd rest;      // at the lower end of the curves [m]
   std::vector<int> entries;  // free entries of the twists, for free shapes
-  // Of lengths and rest (actuators x numbers of the curve), if one is fitted [m].
+  // Derivatives of lengths and rest (actuators x numbers of the curve), if one is fitted [m].
   Eigen::MatrixXd by_curve, rest_by_curve;
   int state;  // of Shared::states
 
@@ -151,7 +151,7 @@ inline ShapeThere shapeAt(Shared& shared, const Place& place, const Values& valu
 
 // Residuals of a calibration's readings, in expected standard deviations, and their derivatives.
 
-// What all readings of a capture share at given values of the parameters.
+// State that all readings of a capture share at given values of the parameters.
 struct CaptureState {
   ShapeThere shape;
   // The rest is for readings of tags.
@@ -471,7 +471,7 @@ struct ReadingTerm {
 std::vector<ReadingTerm> termsOf(const Shared& shared, const Place& place, const Reading& reading,
                                  const ParameterBlocks& blocks);
 
-/// What the readings of a capture share at these values.
+/// State that the readings of a capture share at these values.
 ///
 /// @param kind  of its readings.
 CaptureState stateAt(Shared& shared, const Place& place, ReadingKind kind, const Values& values,

@@ -121,7 +121,7 @@ class SeriesJob {
     return out;
   }
 
-  // What the model cannot describe repeats with the motion, so that residuals count as few
+  // A motion that the model cannot describe repeats with the motion, so that residuals count as few
   // readings.
   void setVariance(const Eigen::MatrixXd& about, double readings_per_number,
                    SeriesProblem& problem) const {
@@ -134,7 +134,7 @@ class SeriesJob {
                     kLeastNoise * kLeastNoise);
   }
 
-  // Of several times for what is new in a form, the best to start from.
+  // The best of several times for the new part of a form to start from.
   SeriesEstimate bestStart(const SeriesProblem& problem,
                            const std::map<std::string, double>& known) const {
     const Eigen::VectorXd z = problem.startFrom(known);
@@ -196,7 +196,7 @@ class SeriesJob {
     return kept;
   }
 
-  // Those of the response, and once more what was left out before another part was added.
+  // Parts of the response, and once more the part that was left out before another part was added.
   void considerResponse(Fitted& best, SeriesFit& out) const {
     const std::pair<const char*, bool SeriesForm::*> parts[] = {
         {"lag", &SeriesForm::lag}, {"slow state", &SeriesForm::slow}, {"play", &SeriesForm::play}};

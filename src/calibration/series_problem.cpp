@@ -22,7 +22,7 @@ constexpr double kRestLag = 0.5, kInMotion = 0.02;
 
 constexpr double kFirstNoise = 0.05;        // of the arm's length, before there are residuals
 constexpr double kFirstCorrelation = 20.0;  // factor on variances, likewise
-// What a response begins with [s], [s], share of the range of pressures.
+// Start of a response [s], [s], share of the range of pressures.
 constexpr double kFirstLag = 0.5, kFirstSlowTime = 8.0, kFirstReach = 0.05, kFirstWeight = 0.3;
 constexpr double kDifference = 1e-5;
 constexpr double kLongestStep = 0.5;  // of a number z
@@ -339,7 +339,7 @@ void SeriesProblem::addCurves() {
   }
 }
 
-// Of rings and base.
+// Rules of rings and base.
 void SeriesProblem::addPlaces() {
   const CalibrationOptions& arm = options_.arm;
   for (int k = 0; options_.ring_phase && k < prior_.model.arm().sectionCount(); ++k) {

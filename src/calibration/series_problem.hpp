@@ -77,7 +77,7 @@ struct SeriesForm {
   bool lag = false, slow = false, play = false, scales = false, strokes = false, growth = false;
 };
 
-/// What the numbers of a fit stand for.
+/// The model that the numbers of a fit stand for.
 struct SeriesModel {
   statics::ArmModel model;
   // The numbers: factors, but turns, motion and response.
@@ -90,7 +90,7 @@ struct SeriesModel {
   std::vector<std::vector<double>> pieces = {};
   lie::Vector6 motion = lie::Vector6::Zero();    ///< right-hand, of the base
   std::optional<model::Response> response = {};  ///< absent: each actuator's own
-  // What follows from these.
+  // Quantities that follow from these.
   lie::SE3 X_FB = {};
   std::vector<std::vector<double>> lengths = {};     ///< (curves) at their knots, if fitted [m]
   std::vector<model::Contraction> contraction = {};  ///< (actuators)
@@ -131,11 +131,11 @@ class SeriesProblem {
 
   /// Which of the used rows count.
   void take(std::vector<bool> rows) { takes_part_ = std::move(rows); }
-  /// Of a coordinate, with its correlation in time [m^2].
+  /// Variance of a coordinate, with its correlation in time [m^2].
   void setVariance(double variance) { variance_ = variance; }
 
   SeriesModel decode(const Eigen::VectorXd& z) const;
-  /// Of number k as it is reported; those of curves have none.
+  /// Value of number k as it is reported; those of curves have none.
   double valueOf(Eigen::Index k, SeriesModel now) const;
   SeriesEstimate at(const Eigen::VectorXd& z) const;
   /// See SeriesRecording; of all used rows.
@@ -143,7 +143,7 @@ class SeriesProblem {
   /// Mean of the tips at z = 0, seen from the base [m].
   Eigen::Vector3d meanTip() const;
 
-  // Of basics::descend().
+  // For basics::descend().
   double cost(const SeriesEstimate& one) const { return one.residual.squaredNorm(); }
   SeriesEstimate moved(const SeriesEstimate& from, const Eigen::VectorXd& step) const;
   basics::DenseEquations linearise(const SeriesEstimate& one) const;

@@ -33,13 +33,13 @@ constexpr double kWrong = 0.1;
 // the log likelihood); to a smaller one if that is still beyond the noise, since on an arm that
 // deviates in many ways every freedom explains some of it.
 constexpr double kLowered = 0.91, kLoweredFar = 0.5;
-// What a scene may be off by: no mistake is smaller. Gains and scales as fractions [Pa, m, rad].
+// Errors that a scene may have: no mistake is smaller. Gains and scales as fractions [Pa, m, rad].
 constexpr double kLeastGainError = 0.12, kLeastOffset = 12e3, kLeastTagError = 0.03;
 // A single picture shows tags that are 1 mm off as tags of another size.
 constexpr double kLeastTagErrorOfOne = 0.07;
 constexpr double kLeastLength = 0.02, kLeastMove = 0.01, kLeastTurn = 0.02;
 constexpr double kMostTurn = 2.0;  // of what was knocked; beyond it, it was put up otherwise [rad]
-// Of captures whose pressures are outside the limits as they are.
+// Drop of captures whose pressures are outside the limits as they are.
 constexpr double kLoweredInside = 1.1;
 // Least share of what is beyond the noise that a suspect explains; the second of such captures,
 // which are wrong in any case.
@@ -63,7 +63,7 @@ constexpr double kNearBase = 0.006, kNearTurn = 0.015;  // of one that is where 
 constexpr double kPlace = 6;                            // numbers of it
 constexpr double kScaleOfMuscle = 0.1;                  // of a muscle's length, as a fraction
 
-// What a trial changes; both start as given.
+// Data and options that a trial changes; both start as given.
 struct Case {
   std::vector<ArmCaptures> arms;
   CalibrationOptions options;
@@ -87,7 +87,7 @@ struct Trial {
 // Angle of a pose's rotation [rad].
 double turnOf(const lie::SE3& pose) { return pose.log().tail<3>().norm(); }
 
-// Of noise alone, the mean square of the readings without the largest tenth, each of so many
+// For noise alone, the mean square of the readings without the largest tenth, each of so many
 // residuals (chi-square, within 1 %).
 double trimmedSquare(int residuals) { return 1 - 0.38 * std::pow(residuals, -0.55); }
 
@@ -146,7 +146,7 @@ class Misfit {
     if (unsound(read)) return std::nullopt;
     const ReadingKind kind = kindOf(firstReading(read));
     if (unfit(read, one.options, kind)) return std::nullopt;
-    // What a base takes up that is off by as much as a tape measure is nobody's mistake.
+    // An error that a base takes up which is off by as much as a tape measure is nobody's mistake.
     if (!rough_ && !one.options.base && read.size() == 1 &&
         (kind == ReadingKind::kCorners || kind == ReadingKind::kPoses)) {
       CalibrationOptions near = one.options;
@@ -164,7 +164,7 @@ class Misfit {
  private:
   std::optional<Square> fitted(const std::vector<ArmCaptures>& read, CalibrationOptions options,
                                bool usual) const {
-    // What takes more is no good fit.
+    // A fit that takes more is no good fit.
     options.max_iterations = std::min(options.max_iterations, kMostIterations);
     CalibrationProblem problem(read, options, selectionOf(options));
     if (!solveWithNoise(problem, 0, rough_).determined) return std::nullopt;
@@ -826,7 +826,7 @@ std::vector<Suspect> suspectsOf(const std::vector<ArmCaptures>& arms,
   Misfit misfit(options, stop, false);
   Case given{read, misfit.options()};
   const std::optional<Square> fitted = misfit.of(given, true, true);
-  // What cannot be fitted for another reason than its pressures has no suspects.
+  // Data that cannot be fitted for another reason than its pressures has no suspects.
   if (!fitted && !*outside) return {};
   Evidence evidence{read, fitted.value_or(Square{kNoFit, static_cast<int>(kNoFit)}),
                     fitted && !*outside};

@@ -15,7 +15,7 @@
 
 namespace helix_arm::cli {
 
-/// What addOption() takes besides checks.
+/// Rules of addOption() besides checks.
 enum class OptionRule { kRequired, kShowDefault };
 inline constexpr OptionRule kRequired = OptionRule::kRequired;
 inline constexpr OptionRule kShowDefault = OptionRule::kShowDefault;
@@ -88,7 +88,7 @@ Eigen::VectorXd inputsOrRest(const io::Scene& scene, const std::string& kpa_text
 void warnOfKilopascals(const std::string& what, const model::Arm& arm,
                        const Eigen::MatrixXd& inputs);
 
-/// What the command line asks of the tier, in the place of all that the scene asks.
+/// The tier that the command line asks for, in place of all that the scene asks for.
 struct TierArguments {
   std::string tier;                        ///< empty: the scene's
   std::optional<int> order;                ///< of the loaded tier

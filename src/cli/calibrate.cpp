@@ -308,7 +308,7 @@ void nameUnit(json& tree, const std::string& suffix) {
   }
 }
 
-// What the data determine, without the single readings.
+// Quantities that the data determine, without the single readings.
 json shownOf(const procedures::CalibrationOutcome& outcome, const json& report, bool verbose) {
   json shown = without(report, {"arms", "suspects", "samples", "curve", "coefficients_m",
                                 "held_out_error", "error_unit"});
@@ -374,7 +374,7 @@ int run(const CalibrateOptions& options, const GlobalOptions& global) {
   return outcome.success ? kDone : kNotPossible;
 }
 
-// What becomes of a fit that stays beyond its noise, and how much of it is told.
+// Options for a fit that stays beyond its noise, and for the length of its report.
 void addVerdictOptions(CLI::App& command, CalibrateOptions& options) {
   addOption(command, "--apply-suspect", options.request.apply_suspect,
             "calibrate with the captures as this suspect of the result corrects them, counted from "

@@ -43,7 +43,7 @@ constexpr std::chrono::milliseconds kBetweenTries(20);
 // The word in place of files that means a camera at this machine.
 constexpr char kWebcam[] = "webcam";
 
-// What `helix_arm camera` reads pictures from.
+// Source of the pictures of `helix_arm camera`.
 struct CameraSource {
   std::vector<std::string> sources;  // files and folders, or kWebcam alone
   vision::WebcamConfig webcam;
@@ -56,7 +56,7 @@ struct CameraSource {
 // Why a picture could not be used: {file, reason}, the reason without its name.
 json faultOf(const vision::Frame& frame) {
   std::string reason = frame.fault;
-  // Of a video, the name has the number of the frame behind #, which the fault may lack.
+  // For a video, the name has the number of the frame behind #, which the fault may lack.
   for (const std::string& name : {frame.name, frame.name.substr(0, frame.name.rfind('#'))}) {
     if (reason.compare(0, name.size() + 2, name + ": ") != 0) continue;
     reason.erase(0, name.size() + 2);

@@ -144,8 +144,8 @@ json runJson(const char* name, const FollowPlan& plan, const FollowResult& resul
           {"error_m", errors}};
 }
 
-// Of a failure, after the first suspect, which is told as well where the loop is not closed at the
-// end.
+// Reason of a failure, after the first suspect, which is told as well where the loop is not closed
+// at the end.
 std::string reasonOf(const FollowReport& report) {
   const FollowResult& result = report.result;
   const std::string failure = failureOf(report.plan, result);
@@ -251,7 +251,7 @@ json shownOf(const FollowReport& report, json shown) {
   return shown;
 }
 
-// What plot_report draws.
+// Input of plot_report.
 // @param open  the same run with the loop open; null to draw the run alone.
 json plotOf(const FollowReport& report, const FollowResult* open) {
   const json wanted = listJson(drawnRows(report.plan, report.result),
@@ -315,7 +315,7 @@ control::TipPath pathOf(const FollowArguments& arguments, const io::Scene& scene
   return path;
 }
 
-// What the options say before a scene is known.
+// Checks of the options before a scene is known.
 void check(FollowArguments& arguments) {
   FollowPlan& plan = arguments.plan;
   if (plan.ignore_contacts) {
@@ -428,7 +428,7 @@ int runOnPlant(const FollowArguments& arguments, const GlobalOptions& global) {
   }
 }
 
-// What the arm is, and what it is to do.
+// Options for the arm and its goal.
 void addGoal(CLI::App& command, FollowArguments& arguments) {
   addScene(command, "SCENE", arguments.scene, "scene file with camera, tags and pressures")
       ->required();

@@ -118,7 +118,7 @@ json helixJson(const lie::Vector6& twist) {
   return {{"radius_m", helix.radius}, {"pitch_m", helix.pitch}, {"turns", helix.turns}};
 }
 
-// What a row of csv has besides vectors; tables of many rows build no more of the report.
+// Columns that a row of csv has besides vectors; tables of many rows build no more of the report.
 json summaryOf(const ForwardResult& result) {
   const statics::TierSetting& setting = result.choice.setting;
   int rank = result.full_rank;
@@ -347,7 +347,7 @@ json activeLimits(const model::Arm& arm, const InverseResult& result) {
   return limits;
 }
 
-// What the search found, and the pressures that it takes.
+// Result of the search, and the pressures that it takes.
 struct InverseAnswer {
   InverseResult result;         // its inputs are effective ones
   Eigen::VectorXd pressure;     // (n) to command
@@ -355,7 +355,7 @@ struct InverseAnswer {
   Eigen::Index history_rows = 0;
 };
 
-// What a row of csv has besides numbers; tables of many rows build no more of the report.
+// Columns that a row of csv has besides numbers; tables of many rows build no more of the report.
 json summaryOf(const io::Scene& scene, const statics::TierSetting& tier,
                const InverseAnswer& answer) {
   return {{"tier", nameOf(tier.tier)},

@@ -70,7 +70,7 @@ void checkArguments(const std::vector<std::string>& arguments) {
   }
 }
 
-// What --session keeps: the same call gives the same result.
+// Contents of --session: the same call gives the same result.
 const std::string kKept =
     "calibrate, commission, evaluate, experiment, fit, follow, localize, simulate";
 

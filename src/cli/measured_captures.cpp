@@ -166,7 +166,7 @@ std::vector<FittedCapture> fitCorners(const io::Scene& scene, const io::DataSet&
   return captures;
 }
 
-// What fit and evaluate report alike of a capture.
+// The report that fit and evaluate give alike of a capture.
 json captureJson(const FittedCapture& capture, const TagLayout& layout) {
   return {{"capture", capture.number},
           {"pressure_pa", toJson(capture.pressure)},

@@ -13,7 +13,8 @@
 namespace helix_arm::cli {
 namespace {
 
-// What forward and inverse print besides numbers, so that each reads what the other printed.
+// Columns that forward and inverse print besides numbers, so that each reads what the other
+// printed.
 const std::vector<std::string> kPrinted = {"tier",      "order",         "status",
                                            "converged", "active_limits", "tip_error_percent"};
 

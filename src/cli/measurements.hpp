@@ -40,7 +40,7 @@ nlohmann::json missingColumns(const io::Scene& scene, const io::DataSet& data);
 
 model::InputHistory historyOfFile(const io::Scene& scene, const std::string& path);
 
-/// What a result without history leaves out; empty for an arm without responses.
+/// Note on the parts that a result without history leaves out; empty for an arm without responses.
 std::string noteOnResponse(const model::Arm& arm);
 
 /// Adds `response` {history_rows, memory_known, half_width_pa, uncertainty_pa, note} to a result;

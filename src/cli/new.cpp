@@ -93,7 +93,7 @@ void settleRegulator(NewArm& arm) {
   io::loadRegulatorProfile(arm.regulator);  // throws on a fault of its file
 }
 
-// What scripts/new_scene has to know of the regulator's device; null of none.
+// Facts for scripts/new_scene about the regulator's device; null of none.
 json profileOf(const NewArm& arm) {
   if (!arm.isHardware()) return nullptr;
   const regulator::Profile profile = io::loadRegulatorProfile(arm.regulator);
@@ -115,7 +115,7 @@ std::string keyOf(const char* option) {
   return key;
 }
 
-// What scripts/new_scene begins with.
+// Start of scripts/new_scene.
 json startOf(const NewArguments& arguments, const NewArm& arm, bool asks) {
   const json words{{"regulator", arm.regulator}, {"device", arm.device}, {"host", arm.host}};
   json start = words;
@@ -181,7 +181,7 @@ json sceneOf(const NewArguments& arguments, NewArm arm, bool asks) {
   }
 }
 
-// What is wrong before anything is asked.
+// Checks before anything is asked.
 void check(NewArguments& arguments) {
   namespace fs = std::filesystem;
   const fs::path out = arguments.out;
@@ -192,7 +192,7 @@ void check(NewArguments& arguments) {
            arguments.out, " is in no folder that exists; create ", out.parent_path().string(),
            ", or choose another file");
   settleRegulator(arguments.arm);
-  // What is wrong with this can only be the name.
+  // A fault of this can only be the name.
   sceneOf({{}, arguments.out, true, false, arguments.command}, NewArm(), false);
 }
 

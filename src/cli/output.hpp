@@ -19,7 +19,7 @@ namespace helix_arm::cli {
 /// {position_m [3], quaternion_xyzw [4]}, the quaternion with w >= 0.
 nlohmann::json toJson(const lie::SE3& pose);
 nlohmann::json toJson(const Eigen::VectorXd& vector);
-/// Of a vector of any size, or a row or column of a matrix.
+/// JSON of a vector of any size, or a row or column of a matrix.
 template <class Vector>
 nlohmann::json toJson(const Eigen::MatrixBase<Vector>& vector) {
   return toJson(Eigen::VectorXd(vector));
@@ -28,7 +28,7 @@ nlohmann::json toJson(const Eigen::MatrixBase<Vector>& vector) {
 nlohmann::json rowsJson(const Eigen::MatrixXd& matrix);
 /// null where there is none.
 nlohmann::json toJson(const std::optional<double>& number);
-/// What the function makes of each of the values.
+/// JSON array of the function's results for each of the values.
 template <class Values, class JsonOf>
 nlohmann::json listJson(const Values& values, const JsonOf& jsonOf) {
   nlohmann::json out = nlohmann::json::array();
@@ -72,9 +72,9 @@ class CsvTable {
   std::vector<Row> rows_;
 };
 
-/// What a report has under these keys: numbers with all digits, true as 1, null as nothing, whole
-/// numbers of a list in one cell. Of a list of other numbers each has a column: `pressure_pa` gives
-/// pressure_1_pa and so on.
+/// Values that a report has under these keys: numbers with all digits, true as 1, null as nothing,
+/// whole numbers of a list in one cell. Of a list of other numbers each has a column: `pressure_pa`
+/// gives pressure_1_pa and so on.
 CsvTable::Row cellsOf(const nlohmann::json& report, const std::vector<const char*>& keys);
 /// The same as lines "# key value" in front of a table, and the `reason`, where there is one.
 void printComments(const nlohmann::json& report, std::vector<const char*> keys);

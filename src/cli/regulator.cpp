@@ -72,7 +72,7 @@ std::unique_ptr<regulator::Driver> makeDriver(const io::Scene& scene) {
   return regulator::makeDriver(*scene.regulator, scene.arm.actuatorCount());
 }
 
-// What a regulator answered.
+// Answers of a regulator.
 struct Answers {
   explicit Answers(int channels)
       : pressure(Eigen::VectorXd::Constant(channels, kNoReading)), readings(channels, 0) {}

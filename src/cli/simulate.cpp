@@ -42,7 +42,7 @@ struct SimulateOptions {
   BoardArguments board;
 };
 
-// What was written.
+// Files that were written.
 struct SimulatedSet {
   fs::path directory;
   int captures;

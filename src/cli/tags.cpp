@@ -26,7 +26,7 @@ struct TagsArguments {
   BoardArguments board;
 };
 
-// What is printed.
+// The print.
 struct Print {
   std::optional<io::Scene> scene;
   std::optional<CalibrationBoard> board;

@@ -15,7 +15,7 @@ using nlohmann::json;
 
 namespace {
 
-// What the end of a key says of its numbers.
+// Unit that the end of a key gives to its numbers.
 struct Unit {
   const char* suffix;
   const char* shown;
@@ -170,7 +170,7 @@ void printLeaf(const Leaf& leaf, std::size_t width, int indent, std::ostream& ou
   for (const json& each : *leaf.value) print(textOf(each, leaf.unit, true));
 }
 
-// What a table shows of a leaf below its row.
+// Whether a table shows a part of a leaf below its row.
 bool isBelow(const Leaf& leaf) { return isTable(*leaf.value) || leaf.text().size() > kWidest; }
 
 struct Column {

@@ -46,7 +46,7 @@ constexpr int kDenseFactor = 16;  // reference points per segment of a drawn lin
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-// What one way to compute, draw or measure the arm's shape costs, and how far it is off.
+// Cost and error of one way to compute, draw or measure the arm's shape.
 struct TradeRow {
   std::string part;     ///< model, curve, sight or fit: rows of one part compete with each other
   std::string tier;     ///< of the part

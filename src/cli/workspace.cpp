@@ -41,7 +41,7 @@ namespace {
 
 using nlohmann::json;
 
-// What a file of points says of them.
+// Origin of a file of points.
 struct CloudOrigin {
   std::string scene, tier;
   std::uint64_t seed = 1;
@@ -153,7 +153,7 @@ class CloudFormat {
 constexpr std::uint64_t kUsualCount = 10000000;
 constexpr std::uint64_t kUsualSensitiveCount = 200000;
 
-// What a user asks of `workspace`.
+// Arguments of `workspace`.
 struct WorkspaceArguments {
   std::string scene, out, png;
   std::optional<std::uint64_t> count;
@@ -167,7 +167,7 @@ struct WorkspaceArguments {
   }
 };
 
-// What the sampled points say.
+// Summary of the sampled points.
 struct WorkspaceSummary {
   std::uint64_t inputs = 0, unbalanced = 0;
   double seconds = 0.0;
@@ -178,7 +178,7 @@ struct WorkspaceSummary {
   bool whole = false;             // not interrupted
 
   std::uint64_t points() const { return inputs - unbalanced; }
-  // Of sensitivity k over the kept points [m]; there is at least one.
+  // Median of sensitivity k over the kept points [m]; there is at least one.
   double median(int k) const {
     const auto column = kept.sensitivity.col(k);
     return basics::medianOf({column.begin(), column.end()});

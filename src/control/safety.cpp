@@ -11,7 +11,8 @@
 namespace helix_arm::control {
 namespace {
 
-// Of the pressure that counts as empty: what may still be there when noise shows a channel empty.
+// Factor on the pressure that counts as empty: so much may still be there when noise shows a
+// channel empty.
 constexpr double kLeaving = 2.0;
 
 // After a longer pause of the loop, the ramps continue with at most this step [s].

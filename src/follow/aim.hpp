@@ -40,7 +40,7 @@ class Aim {
   struct Motion {
     Eigen::Vector3d velocity, acceleration;  ///< [m/s], [m/s^2]
   };
-  /// What actuators do beyond the responses of the scene [s].
+  /// Lateness of actuators beyond the responses of the scene [s].
   struct Late {
     double dead_time, lag;
   };

@@ -14,7 +14,7 @@
 #include "helix_arm/tracking/tip_compliance.hpp"
 #include "response_tracker.hpp"
 
-/// What the loop watches for while it runs.
+/// Watches that the loop keeps while it runs.
 namespace helix_arm::follow {
 
 // Error of the swing in a picture, relative to its peak. It persists.

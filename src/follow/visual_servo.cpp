@@ -165,8 +165,8 @@ struct VisualServo::Workspace {
     turn.pressure = response.pressureFor(commanded);
   }
 
-  // Of a step in three ramps, half a period of the mode apart, which leave it at rest: the zero
-  // vibration and derivative shaper (Singer and Seering 1990).
+  // Share held back of a step in three ramps, half a period of the mode apart, which leave it at
+  // rest: the zero vibration and derivative shaper (Singer and Seering 1990).
   double shareHeldBack(double since) const {
     const double root = std::sqrt(1 - mode->damping * mode->damping);
     const double half = 0.5 / (mode->frequency * pace * root);
@@ -286,14 +286,14 @@ struct VisualServo::Workspace {
     return out;
   }
 
-  // What the known mode adds at most to each of the tracker's rows.
+  // Most that the known mode adds to each of the tracker's rows.
   Eigen::VectorXd swingPeak() const { return mode ? rowsOf(swing_peak) : rowsOf({}); }
   // Likewise one that is not known yet.
   Eigen::VectorXd possibleSwing() const {
     return mode ? rowsOf({}) : rowsOf(dynamics.possibleSwing());
   }
 
-  // What lengths that swing by as much (n) [m], if any, add at most to each of the tracker's rows.
+  // Most that lengths which swing by as much (n) [m], if any, add to each of the tracker's rows.
   Eigen::VectorXd rowsOf(const Eigen::VectorXd& swing) const {
     Eigen::VectorXd out = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(tracker.rows().size()));
     const auto& step = tracker.lastStep();
@@ -453,7 +453,8 @@ void VisualServo::enable(bool enabled) {
   Workspace& w = *work_;
   if (w.enabled && !enabled) {
     release();
-    // What held the arm says nothing of it once vented: the watch, which knew it, begins anew.
+    // An obstacle that held the arm says nothing of it once vented: the watch, which knew it,
+    // begins anew.
     if (w.contact.load().contact) w.forgetContact();
   }
   w.enabled = enabled;

@@ -12,8 +12,8 @@ namespace helix_arm::follow {
 namespace {
 
 constexpr char kCulprit[] = "visual servo";
-// Of smoothingFor(): least distance of the open loop from -1, delay of the pictures [s], bounds and
-// steps of what is searched.
+// Constants of smoothingFor(): least distance of the open loop from -1, delay of the pictures [s],
+// bounds and steps of what is searched.
 constexpr double kMargin = 0.4, kLatency = 0.1;
 constexpr double kShortestSmoothing = 0.01, kLongestSmoothing = 10.0, kSmoothingStep = 1.05;  // [s]
 constexpr double kLowest = 0.02, kHighest = 20.0, kFrequencyStep = 1.01;  // of the mode's frequency

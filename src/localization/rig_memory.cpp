@@ -22,7 +22,8 @@ constexpr int kMostFailures = 30;
 // within some hundred different shapes, while one load, carried for some of them, changes little.
 constexpr double kKept = 0.995;
 
-// Of BaseWatch: pictures a fit, deviations of a move, fits that change its verdict, prior of fits.
+// Constants of BaseWatch: pictures a fit, deviations of a move, fits that change its verdict, prior
+// of fits.
 constexpr int kWatchPeriod = 10;
 constexpr double kMovedBeyond = 5.0;
 constexpr int kWatchPatience = 3;
@@ -83,7 +84,7 @@ void RigMemory::learn(const TwistFit& fit) {
     information_ *= kKept;
     weighted_ *= kKept;
   }
-  // What the picture says beyond what the fit knew.
+  // Information of the picture beyond what the fit knew.
   const Matrix known = inverseOf(estimate_.covariance), after = inverseOf(fit.rig.covariance);
   information_ += after - known;
   weighted_ += after * fit.rig.mean - known * estimate_.mean;
@@ -93,7 +94,7 @@ void RigMemory::learn(const TwistFit& fit) {
 void RigMemory::conclude() {
   const RigEstimate prior(options_), narrow(heldOptions(options_));
   const Matrix certain = inverseOf(prior.covariance);
-  // Of z as a measurement of base and bleed: (information^-1 + Q)^-1.
+  // Covariance of z as a measurement of base and bleed: (information^-1 + Q)^-1.
   const Matrix damping = Matrix::Identity() + information_ * by_placements_;
   const Eigen::PartialPivLU<Matrix> damped(damping);
   const Matrix measured = damped.solve(information_);

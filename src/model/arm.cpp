@@ -14,7 +14,8 @@
 namespace helix_arm::model {
 namespace {
 
-// Of A, scaled to lengths: its entries are sums, which lose half the digits that a stack keeps.
+// Condition of A, scaled to lengths: its entries are sums, which lose half the digits that a stack
+// keeps.
 constexpr double kWorstCondition = 1e9;
 
 // The index of the end of the interval of q, which is within the inputs.
@@ -61,7 +62,7 @@ std::shared_ptr<const LinksOf<Group>> linksOf(const std::vector<SectionOf<Group>
   return std::make_shared<const LinksOf<Group>>(std::move(links));
 }
 
-// Of the choice of the Magnus steps.
+// Samples for the choice of the Magnus steps.
 constexpr int kStepSamples = 64;
 constexpr double kTipError = 1e-5;    // of the arm's length
 constexpr double kCurveError = 2e-4;  // the same, of points within a piece

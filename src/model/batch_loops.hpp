@@ -11,7 +11,7 @@ namespace helix_arm::model::batch {
 
 using Columns = double[3][kBlock];
 
-/// What is kept of a block of samples between its sections; it stays in the first-level cache.
+/// State of a block of samples between its sections; it stays in the first-level cache.
 struct alignas(kLine) Block {
   double inputs[kGroup][kBlock];
   double twist[6][kBlock];

@@ -17,7 +17,7 @@
 
 #define HELIX_ARM_INLINE inline __attribute__((always_inline))
 
-/// What one step of the batch's kernels computes, on as many samples as a vector holds.
+/// One step of the batch's kernels, on as many samples as a vector holds.
 namespace helix_arm::model::batch {
 
 // `Value` is a vector of kLanes numbers, `Memory` the same at any address, `Mask` one integer per

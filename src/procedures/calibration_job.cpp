@@ -93,7 +93,7 @@ std::optional<estimation::LeastTipError> leastTipError(
   return estimation::fitLeastTipError({asTwists(scene, data, calibration)});
 }
 
-// Of a direction that counts, relative to the largest motion.
+// Motion of a direction that counts, relative to the largest motion.
 constexpr double kLeastMotion = 0.5;
 
 // The response as it is written: the fit's, but of the scene what the data do not determine.

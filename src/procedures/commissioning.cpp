@@ -42,7 +42,7 @@ constexpr double kSameWay = 0.8, kBetter = 0.25;
 constexpr double kMostGain = 0.1, kMostOffset = 8e3;  // [Pa]
 constexpr double kFacing = 0.5;  // cosine at which a tag is expected to be seen
 
-// What a bend changes of a shape.
+// Change of a shape by a bend.
 struct Stand {
   Eigen::VectorXd bend;  // (2 sections) mean twists about y and z [rad]
   Eigen::Vector2d tip;   // across the base [m]
@@ -268,7 +268,7 @@ CalibrationRequest requestOf(const std::vector<std::string>& words) {
   return request;
 }
 
-// Of the commanded pressures, where a sensor is not to be trusted.
+// Suspects by the commanded pressures, where a sensor is not to be trusted.
 std::vector<Suspect> suspectsOf(const std::string& path, const std::vector<io::Override>& overrides,
                                 CalibrationData data, const Eigen::MatrixXd& plan,
                                 const std::vector<WalkedSensor>& sensors) {

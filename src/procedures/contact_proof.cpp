@@ -65,7 +65,7 @@ Move drawMove(const io::Scene& scene, const std::optional<Eigen::VectorXd>& from
                               "expected a load that the arm holds at most pressures");
 }
 
-// Of a force across the tip [N].
+// Text on a force across the tip [N].
 std::string foundText(const ContactProof& proof) {
   const double K_eps = estimation::TipCompliance::kTypicalStiffness;
   return basics::format("a force of %.2g N across the resting tip",

@@ -255,7 +255,7 @@ void requireVision(const io::Scene& scene) {
                   " has no `camera` or no `tags`; the closed loop needs both");
 }
 
-// Of the arm of the scene, its tags in their order.
+// The rig has the arm of the scene, its tags in their order.
 void requireRigOf(const io::Scene& scene, const io::Scene& rig) {
   const auto partsOf = [](const io::Scene& one) {
     std::vector<int> out(1, one.arm.sectionCount());

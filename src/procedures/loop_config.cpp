@@ -82,9 +82,9 @@ constexpr double kTypicalInput = 0.3;  // part of the limits
 // A calibrated camera on its stand stays where it is to this.
 constexpr estimation::BasePrior kSteady = {0.0002, 0.0003};
 
-// What a calibration found of the camera's place seen from the base.
+// Error of the camera's pose seen from the base that a calibration found.
 std::optional<lie::Vector6> baseErrorOf(const io::Scene& scene) {
-  // Of tag poses, `base` is the place of the instrument that measured them.
+  // For tag poses, `base` is the place of the instrument that measured them.
   if (!scene.calibration || scene.calibration->error_unit != "px") return std::nullopt;
   const auto known = scene.calibration->errorOf(estimation::FitParameter::kBase, "");
   return known ? std::optional<lie::Vector6>(known->deviations) : std::nullopt;
@@ -116,7 +116,7 @@ estimation::PlacedView nominalViewOf(const io::Scene& scene) {
   return out;
 }
 
-// Of a typical shape, with the tags that face the camera.
+// Base and bleed by the placements at a typical shape, with the tags that face the camera.
 RigEstimate::Matrix rigByPlacementsOf(const io::Scene& scene,
                                       const estimation::PlacedView& placed) {
   const Eigen::VectorXd pressure = scene.arm.inputAt(kTypicalInput);

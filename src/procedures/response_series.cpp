@@ -29,7 +29,7 @@ Eigen::VectorXd columnOf(const io::DataSet& data, const char* name) {
   return data.values.col(column);
 }
 
-// Of every trial of a history: as the file names it, or by its number.
+// Names of every trial of a history: as the file names it, or by its number.
 std::vector<std::string> trialNames(const io::DataSet& data, const model::InputHistory& history) {
   const int column = data.find("trial");
   std::vector<std::string> names;
@@ -42,7 +42,7 @@ std::vector<std::string> trialNames(const io::DataSet& data, const model::InputH
   return names;
 }
 
-// Of the tip; any where it was not seen.
+// Rotations of the tip; any where it was not seen.
 std::vector<Eigen::Matrix3d> rotationsOf(const io::DataSet& data) {
   const Eigen::VectorXd x = columnOf(data, "qx"), y = columnOf(data, "qy"),
                         z = columnOf(data, "qz"), w = columnOf(data, "qw");

@@ -147,7 +147,7 @@ void checkStiffness(const io::Scene& scene, std::vector<Finding>& findings) {
   }
 }
 
-// What a profile tells of its device, against the channels and limits of the arm.
+// The facts that a profile tells of its device, against the channels and limits of the arm.
 void checkDevice(const io::Scene& scene, const regulator::DeviceFacts& device,
                  std::vector<Finding>& findings) {
   const model::Actuator& most = highest(scene.arm);
@@ -536,7 +536,7 @@ void checkCamera(const io::Scene& scene, std::vector<Finding>& findings) {
                       "calibrate it: helix_arm tags --board, then helix_arm camera calibrate"});
 }
 
-// What is seen over the workspace; nothing without camera or tags.
+// Figures of what is seen over the workspace; nothing without camera or tags.
 std::optional<VisionFigures> checkVision(const io::Scene& scene, int samples,
                                          std::vector<Finding>& findings) {
   if (!scene.camera || !scene.tags) return std::nullopt;

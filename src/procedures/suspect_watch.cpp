@@ -18,13 +18,13 @@ constexpr double kApart = 0.08;
 constexpr std::size_t kMost = 32;
 // A later capture at about the same pressures replaces an older one; captures are forgotten [s].
 constexpr double kOld = 10.0, kForgotten = 90.0;
-// Of a search: fewest captures, beyond one per actuator, and new ones; least time after the last
-// one, and after one that found suspects, which takes long [s].
+// Limits of a search: fewest captures, beyond one per actuator, and new ones; least time after the
+// last one, and after one that found suspects, which takes long [s].
 constexpr std::size_t kLeast = 1;
 constexpr int kLeastNew = 2;
 constexpr double kPeriod = 3.0, kLongPeriod = 10.0;
-// Of the deviations that the loop expects, in the noise of a search: the deviations of one arm are
-// the same in all captures, and so weigh less in it than as many independent ones.
+// Factor on the deviations that the loop expects, in the noise of a search: the deviations of one
+// arm are the same in all captures, and so weigh less in it than as many independent ones.
 constexpr double kSound = 0.6;
 // Change of a channel's pressures, relative to them, that is a mistake: a smaller one is as if the
 // strokes varied, by which muscles differ.
@@ -46,7 +46,7 @@ std::optional<Eigen::MatrixXd> spreadOf(const estimation::ArmFilter& nominal,
       model->by_pressure * picture.variance.cwiseSqrt().asDiagonal();
   Eigen::MatrixXd spread = by_theta * by_theta.transpose() + by_pressure * by_pressure.transpose();
   spread.diagonal() += nominal.biasDeviation().cwiseAbs2();
-  // What is not measured, as out of a plane, says nothing.
+  // A value that is not measured, as out of a plane, says nothing.
   Eigen::MatrixXd out =
       Eigen::MatrixXd::Identity(picture.covariance.rows(), picture.covariance.cols());
   out(nominal.rows(), nominal.rows()) = picture.covariance(nominal.rows(), nominal.rows()) + spread;
@@ -121,7 +121,8 @@ bool SuspectWatch::see(follow::VisualServo& loop, const estimation::Observation&
 void SuspectWatch::note(const follow::VisualServo& loop) {
   const estimation::ArmFilter::Input& picture = loop.seen();
   const bool changed = loop.load().contact || loop.drift().doubtful;
-  // What changes in a sound arm, as a muscle that loses its hose, shows in later captures alone.
+  // A thing that changes in a sound arm, as a muscle that loses its hose, shows in later captures
+  // alone.
   if (changed && !changed_ && sound_) {
     kept_.clear();
     sound_ = false;
@@ -174,7 +175,7 @@ void SuspectWatch::search() {
 }
 
 estimation::Suspect suspectOf(const estimation::BaseMove& move) {
-  // Of the square of its distance from where it should be, all but what chance explains.
+  // The share of the square of its distance from where it should be: all but what chance explains.
   const double by_chance = 6.0 / (move.deviations * move.deviations);
   return {"camera_moved", "the camera or the base", 1.0 - by_chance, move.message(), {}, {}};
 }

@@ -22,7 +22,7 @@ constexpr py::ssize_t kMostBytes = py::ssize_t{1} << 47;
 
 constexpr std::size_t kMostKept = 64;
 
-// Of the options that callers can choose.
+// Compares the options that callers can choose.
 bool same(const statics::InverseOptions& a, const statics::InverseOptions& b) {
   return a.preference == b.preference && a.cocontraction == b.cocontraction &&
          a.position_tolerance == b.position_tolerance;
@@ -148,7 +148,7 @@ py::array argumentArray(const py::handle& given, const char* name) {
     return array;
   }
   if (py::isinstance<py::list>(given) || py::isinstance<py::tuple>(given)) {
-    // Of text, numpy would parse numbers.
+    // From text, numpy would parse numbers.
     const py::array any = py::array::ensure(given);
     if (any && (any.dtype().kind() == 'f' || any.dtype().kind() == 'i' || any.size() == 0)) {
       return py::array_t<double, py::array::c_style | py::array::forcecast>(any);

@@ -24,8 +24,8 @@
 #include "helix_arm/lie/se3.hpp"
 #include "helix_arm/statics/inverse.hpp"
 
-/// What the bindings share: arrays of a caller and of results, scenes, threads. The methods of
-/// Scene whose names begin with _ get arguments that helix_arm.scene has checked, except arrays,
+/// Parts that the bindings share: arrays of a caller and of results, scenes, threads. The methods
+/// of Scene whose names begin with _ get arguments that helix_arm.scene has checked, except arrays,
 /// and return the fields of the dataclasses of helix_arm.results.
 namespace helix_arm::python {
 
@@ -197,11 +197,11 @@ class Scene {
 
 void bindModel(py::class_<Scene>& scene);
 void bindMeasurements(py::class_<Scene>& scene);
-/// What the node calibration takes from the library.
+/// Part for the node calibration of the library.
 void bindRecordings(py::module_& module, py::class_<Scene>& scene);
-/// What helix_arm.experiments takes from the library.
+/// Part for helix_arm.experiments of the library.
 void bindExperiments(py::module_& module, py::class_<Scene>& scene);
-/// What the nodes in Python take from the library.
+/// Part for the nodes in Python of the library.
 void bindNodes(py::module_& module, py::class_<Scene>& scene);
 
 /// While it lives, other threads of Python run. A daemon thread that asks for the interpreter after

@@ -57,8 +57,8 @@ void seeTip(SeriesRecord& series, double time, const Eigen::Vector3d& tip) {
   if (std::holds_alternative<Eigen::Vector3d>(checked)) series.seen(time, tip);
 }
 
-// What a calibration takes of recorded samples and of the series of a run, which may be None and
-// is not recorded any more.
+// Data for a calibration from recorded samples and of the series of a run, which may be None and is
+// not recorded any more.
 CalibrationData measuredOf(const Scene& self, const std::vector<Sample>& samples,
                            const SeriesRecord* record) {
   const OthersRun others_run;

@@ -245,7 +245,7 @@ class ResponseDescent {
     return out;
   }
 
-  // Of basics::descend().
+  // For basics::descend().
   double cost(const ResponseCandidate& fit) const { return fit.rss; }
   basics::DenseEquations linearise(const ResponseCandidate& fit) const {
     const Eigen::MatrixXd J = jacobian(fit);
@@ -296,7 +296,7 @@ class ResponseDescent {
     }
   }
 
-  // Of a fit with this many readings that count; the lower, the better.
+  // Criterion of a fit with this many readings that count; the lower, the better.
   double criterion(const ResponseCandidate& fit, double effective) const {
     const auto k = static_cast<double>(fit.numbers.size());
     return effective * std::log(std::max(fit.rss, 1e-300)) + k * std::log(std::max(effective, 2.0));
@@ -367,13 +367,13 @@ class ResponseDescent {
   const ResponseReadings& readings_;
 };
 
-// Of the range.
+// Thresholds of play as shares of the range.
 constexpr std::array<double, 4> kPlayThresholds{1.0 / 40, 1.0 / 20, 1.0 / 10, 1.0 / 5};
 constexpr double kLeastReversal = 0.05;  // of the range: twice the least threshold
 constexpr int kLeastInMotion = 10;       // rows
 constexpr int kLeastTrials = 3;          // for the scatter between them
 constexpr double kStartWeight = 0.3;     // of one play
-// Of the polynomial for positions: a strongly bent arm needs more than the second degree.
+// Degree of the polynomial for positions: a strongly bent arm needs more than the second degree.
 constexpr int kLeastDegree = 2, kMostDegree = 4;
 constexpr int kMostCoefficients = 84;  // six pressures to the third degree
 
@@ -383,7 +383,7 @@ std::vector<ResponseNumber> responseLags(const ResponseReadings::Motion& motion)
   return {{ResponseNumber::kRise}, {ResponseNumber::kFall}};
 }
 
-// Of some responses the one with the least deviation of the readings.
+// The one of some responses with the least deviation of the readings.
 model::Response closestOf(const ResponseReadings& readings,
                           const std::vector<model::Response>& responses) {
   std::vector<double> rss;
@@ -516,7 +516,7 @@ std::vector<ResponseCandidate> candidatesOf(const ResponseReadings& readings,
   return out;
 }
 
-// What the readings say of lag and play, with the reasons where that is nothing.
+// Verdict of the readings on lag and play, with the reasons where that is nothing.
 void conclude(bool in_motion, bool reverses, bool play_is_scatter, ResponseFit& out) {
   const auto verdict = [](bool told, bool found) {
     return !told   ? ResponseVerdict::kNotDetermined

@@ -67,7 +67,7 @@ inline constexpr char kInteractiveMarker[] = "interactive_marker";
 // Frames; those of the arm have the prefix from the node's parameters.
 inline constexpr char kWorldFrame[] = "world";
 inline constexpr char kBaseFrame[] = "arm_base";
-// Of one shape, followed by 0 .. n from the base to the tip, and by kTipFrame.
+// Frames of one shape, followed by 0 .. n from the base to the tip, and by kTipFrame.
 inline constexpr char kModelFrames[] = "model_";
 inline constexpr char kMeasuredFrames[] = "measured_";
 inline constexpr char kTipFrame[] = "tip";

@@ -283,7 +283,7 @@ class PressureBox : public QWidget {
     row.label->setText(QString::fromStdString(name));
     row.label->setStyleSheet("color: " + colorOfChannel(index).name() + "; font-weight: bold;");
     for (QLabel* text : {row.label, row.limits, row.reading}) text->setWordWrap(false);
-    // Of a fixed width, so that a slider keeps its own.
+    // It has a fixed width, so that a slider keeps its own.
     row.slider->setMinimumWidth(kLeastSlider);
     row.reading->setMinimumWidth(row.reading->fontMetrics().horizontalAdvance("-9999.9 kPa"));
     row.slider->setObjectName(("slider_" + number).c_str());
@@ -589,7 +589,7 @@ class CockpitPanel : public rviz::Panel {
     if (!config.mapGetString(kNamespaceKey, &ns)) return;
     namespace_->setText(ns);
     if (connectTo(ns)) return;
-    // That of onInitialize is not the arm of this configuration.
+    // The builder of onInitialize is not the arm of this configuration.
     builder_.cancel();
     LinkBuilder::end(std::move(link_));
     wanted_.reset();

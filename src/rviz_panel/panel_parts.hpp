@@ -13,7 +13,7 @@
 
 #include "ros_bridge/cockpit/cockpit_view.hpp"
 
-/// What the boxes of the cockpit share, and its strip chart.
+/// Parts that the boxes of the cockpit share, and its strip chart.
 namespace helix_arm::rviz_panel {
 
 /// A label of a fixed number of lines, so that nothing below it moves with its text. What does not

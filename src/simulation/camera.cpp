@@ -441,7 +441,7 @@ class TagPainter {
   estimation::Camera camera_;
   cv::Mat directions_;  // (CV_32FC2) (x/z, y/z) seen at the corners of the pixels
   std::vector<Card> cards_;
-  // Of the current card.
+  // Edges of the current card.
   std::vector<PlanePoint> above_, below_;
   std::vector<TagPattern::Areas> lines_above_, lines_below_;
 };

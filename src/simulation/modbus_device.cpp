@@ -91,7 +91,7 @@ class ModbusEmulation : public Emulation {
     bool jammed = false;
   };
 
-  // What was open is closed for a moment first.
+  // A port that was open is closed for a moment first.
   bool open() override {
     clients_.clear();
     if (listener_.file() >= 0) {

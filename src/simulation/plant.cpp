@@ -149,7 +149,7 @@ class Plant::Process {
     }
   }
 
-  // What it says until then; empty if its output has ended, nothing if it is silent.
+  // Its output until then; empty if its output has ended, nothing if it is silent.
   std::optional<std::string> read(Clock::time_point end) {
     for (;;) {
       const auto left = std::chrono::ceil<Milliseconds>(end - Clock::now()).count();

@@ -207,7 +207,7 @@ class SerialEmulation : public Emulation {
     return outcome;
   }
 
-  // Of a line that is not understood.
+  // Outcome of a line that is not understood.
   Outcome refusal() const {
     return {false, false, lines_.read ? std::optional<std::string>("?") : std::nullopt};
   }

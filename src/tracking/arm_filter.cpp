@@ -344,7 +344,7 @@ struct ArmFilter::Workspace {
     return out;
   }
 
-  // What play adds to the covariance of b while the delayed pressures go this share of their way.
+  // Growth by play of the covariance of b while the delayed pressures go this share of their way.
   Eigen::MatrixXd playGrowth(const Eigen::MatrixXd& by_pressure, const Eigen::VectorXd& pressure,
                              double share) {
     if (!last_time) smooth = pressure;

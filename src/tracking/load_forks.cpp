@@ -29,7 +29,7 @@ constexpr double kGoneTime = 0.5;     // [s]
 constexpr double kDetermined = 3.0;   // standard deviations
 constexpr int kMostOutliers = 2;      // consecutive; a third one is another force
 constexpr double kPlaceLead = 4.5;    // of log likelihoods
-// Of drifts, in time of pictures [s].
+// Constants of drifts, in time of pictures [s].
 constexpr double kMemoryPeriod = 3.0;
 constexpr double kLongestMemory = 60.0;
 // Fewer that are contradicted begin anew: the arm was not yet at rest when they were made.
@@ -38,7 +38,8 @@ constexpr double kForceTime = 0.5;  // in which the estimate of a new force sett
 constexpr double kDoubtTime = 0.5;  // within it a sudden force is usually found
 
 constexpr double kLeastDrift = 0.005;  // [m]
-// Of QuietScore: time in which a force is found [s], and part of a still arm's motion at rest.
+// Constants of QuietScore: time in which a force is found [s], and part of a still arm's motion at
+// rest.
 constexpr double kFindTime = 0.5, kResting = 0.4;
 
 // Young forks detect what begins now; few old ones are kept: they are certain of no force.
@@ -75,7 +76,7 @@ class LoadFork {
     state_.covariance.diagonal().tail<3>().setConstant(deviation * deviation);
   }
 
-  /// What happens between two pictures. @param creep  of the force [N s^-1/2].
+  /// Prediction between two pictures. @param creep  of the force [N s^-1/2].
   void predict(const ArmFilter::Step& step, double creep) {
     growBias(step.bias_growth);
     renewForce(creep * std::sqrt(step.dt));
@@ -355,7 +356,7 @@ struct LoadForks::Workspace {
     memories.push_back({known, 0.0, touched});
   }
 
-  // What was known of the arm; takes no later pictures.
+  // Past knowledge of the arm; takes no later pictures.
   struct Memory {
     LoadFork state;
     double age;    // in time of pictures [s]
@@ -418,7 +419,7 @@ void LoadForks::see(double time, double tip_deviation, const model::Shape& measu
                     double motion, ArmFilter& watch, TipCompliance& compliance) {
   Workspace& w = *work_;
   const bool sure = tip_deviation < kSureTip;
-  // Of a soft arm they are small in proportion. Otherwise a force at its tip would be expected to
+  // For a soft arm they are small in proportion. Otherwise a force at its tip would be expected to
   // move it more than one at its base does, and an arm that stays would look held at its base.
   const double softness = compliance.stiffness() / TipCompliance::kTypicalStiffness;
   w.deviation = softness * w.options.deviation;

@@ -11,8 +11,8 @@ namespace {
 
 constexpr std::array<double, 9> kLags = {0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.27, 0.35, 0.45};  // [s]
 constexpr std::array<double, 5> kDampings = {0.02, 0.04, 0.08, 0.16, 0.32};
-// Of the modes that may be there unseen: what they add dies out within two periods. With less, they
-// would hide contacts for many seconds.
+// Damping of the modes that may be there unseen: what they add dies out within two periods. With
+// less, they would hide contacts for many seconds.
 constexpr Eigen::Index kUnseenDamping = 3;             // its place in these
 constexpr double kLowest = 0.5, kFrequencyStep = 1.1;  // [Hz]
 constexpr int kFrequencies = 28;                       // up to 6.6 Hz
@@ -51,7 +51,7 @@ ModeEstimator::ModeEstimator(const model::Arm& arm, bool lag_is_known) : arm_(ar
   const Eigen::Index count = lags * (modes + 1);
   turn_.setZero(count);
   damping_.setZero(count);
-  // Of each lag: all frequencies of the first damping, of the next one, ..; then no mode.
+  // Order for each lag: all frequencies of the first damping, of the next one, ..; then no mode.
   for (Eigen::Index k = 0; k < count; ++k) {
     const Eigen::Index mode = k % (modes + 1);
     if (mode == modes) continue;
@@ -195,7 +195,7 @@ void ModeEstimator::choose() {
   }
   Eigen::Index best = 0;
   const double least = misfit_.minCoeff(&best);
-  // What was found holds until motion shows that there is none.
+  // A mode that was found holds until motion shows that there is none.
   if (least >= without) return mode_.reset();
   if (least > kClear * without) return;
   const Eigen::Index place = best % modes;

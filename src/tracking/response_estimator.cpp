@@ -60,7 +60,7 @@ void ResponseEstimator::setPrior() {
   }
 }
 
-// What was learnt without the mode, or with another one, is no more than a start.
+// Everything that was learnt without the mode, or with another one, is no more than a start.
 void ResponseEstimator::begin(const Mode& mode) {
   swings_ = true;
   begun_ = std::log(mode.frequency);

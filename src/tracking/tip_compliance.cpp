@@ -142,7 +142,7 @@ struct TipCompliance::Workspace {
     if (place.section == last && place.s == 1.0) {
       with.points.back().offset = corrected.arm().link(last).translation;
     }
-    // Of the shape whose mean twists are these.
+    // Tip of the shape whose mean twists are these.
     const auto tipOf = [this](const Eigen::VectorXd& change) {
       model::Twists twists = unforced->twists();
       twists.reshaped() += change;

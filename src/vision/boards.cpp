@@ -54,7 +54,7 @@ cv::Point2f toPoint(const Eigen::Vector2d& point) {
   return {static_cast<float>(point.x()), static_cast<float>(point.y())};
 }
 
-// What one marker tells about the plane around it.
+// The plane as one marker shows it around it.
 struct Outlook {
   estimation::Corners corners;  // [px]
   cv::Matx33d pixel_of_board;

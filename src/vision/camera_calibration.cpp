@@ -63,7 +63,7 @@ constexpr int kLeastTiltedViews = 4;
 constexpr double kWantedFocalError = 0.003;
 constexpr double kWantedRms = 0.6;  // [px]
 
-// What OpenCV takes and gives of one view.
+// Input and output of OpenCV for one view.
 struct View {
   std::size_t index;  // in the observations
   std::vector<cv::Point3f> board;
@@ -184,7 +184,7 @@ Eigen::VectorXd standardErrors(const std::vector<Linearised>& views, int coeffic
   Eigen::Index rows = 0;
   for (const Linearised& view : views) {
     Eigen::MatrixXd J = view.by_intrinsics.leftCols(count) * scale.asDiagonal();
-    // What the pose of the board does not explain.
+    // The part that the pose of the board does not explain.
     const Eigen::MatrixXd& P = view.by_pose;
     J -= P * (P.transpose() * P).ldlt().solve(P.transpose() * J);
     information += J.transpose() * J;

@@ -386,7 +386,7 @@ bool innerEdgesAgree(const TagFace& face, const TagCells& cells, const Vector3d&
   return true;
 }
 
-// Of the refinement of corners.
+// Constants of the refinement of corners.
 constexpr int kMostSamples = 32;          // along an edge
 constexpr int kFewestSamples = 8;         // that must show the edge, and at least half of them
 constexpr double kStep = 0.5;             // across it [px]

@@ -11,8 +11,8 @@
 
 namespace helix_arm::vision {
 
-/// What OpenCV's videoio and imgcodecs read: webcams, videos, and pictures other than JPEG.
-/// They bring 200 shared libraries, so that they are in a library that the first use loads.
+/// Input by OpenCV's videoio and imgcodecs: webcams, videos, and pictures other than JPEG. They
+/// bring 200 shared libraries, so that they are in a library that the first use loads.
 struct Media {
   std::unique_ptr<VideoDevice> (*webcam)(const WebcamConfig& config);
   /// See FrameSource::files().
@@ -30,5 +30,5 @@ std::optional<std::string> sizeFault(const cv::Size& size, const std::optional<c
 
 }  // namespace helix_arm::vision
 
-/// Of the library.
+/// Entry of the library.
 extern "C" const helix_arm::vision::Media helix_arm_media;

@@ -311,7 +311,7 @@ class TableReader {
       faults_.add(0, "has no rows; expected at least one below the header");
   }
 
-  /// Of a table without faults.
+  /// Takes the values of a table without faults.
   void takeValues() {
     using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
     const auto columns = static_cast<Eigen::Index>(data_.columns.size());

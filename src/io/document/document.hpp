@@ -41,7 +41,7 @@ struct Value {
 
   /// The value of a map's key, null if there is none.
   const Value* find(const std::string& key) const;
-  /// What messages call it: its text (printable, 60 letters at most), "a list", "a map" or "empty".
+  /// Name in messages: its text (printable, 60 letters at most), "a list", "a map" or "empty".
   std::string describe() const;
 };
 

@@ -45,7 +45,7 @@ model::PlanarArm planarArm(const std::vector<model::Section>& sections, const li
   return model::PlanarArm(std::move(planar), inPlane(tool));
 }
 
-// Of each section [N]; missing values are faults under load.
+// K_eps of each section [N]; missing values are faults under load.
 std::vector<double> extensionalStiffness(const MapReader& scene,
                                          const std::vector<SectionParts>& sections) {
   std::vector<double> values;

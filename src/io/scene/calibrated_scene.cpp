@@ -21,7 +21,7 @@ struct ActuatorEntry {
   int count;
 };
 
-// Of the document of a valid scene.
+// Sections in the document of a valid scene.
 std::vector<Value::Entry>& sectionsOf(Value& document) {
   return findValue(*findValue(document, "arm"), "sections")->entries;
 }
@@ -163,7 +163,7 @@ std::vector<Value*> stiffnessesOf(Value& document) {
   return given;
 }
 
-// Of a list, or of a single number.
+// Numbers of a list, or of a single number.
 Eigen::VectorXd numbersOf(const Value& given) {
   const bool single = given.kind != Value::Kind::kList;
   if (single) return Eigen::VectorXd::Constant(1, *parseNumber(given.text));
@@ -451,7 +451,7 @@ void putIntrinsics(const estimation::Camera& camera, Value& map) {
   }
 }
 
-// What a calibration found of the base is no more known of a camera that was placed anew.
+// A base that a calibration found is no more that of a camera that was placed anew.
 void forgetBase(Value& document) {
   Value* const calibration = findValue(document, "calibration");
   Value* const parameters =

@@ -15,7 +15,7 @@
 
 namespace helix_arm::io {
 
-/// Of a contraction.
+/// Key of a contraction.
 inline constexpr char kResponseKey[] = "response";
 
 /// Reads a `response`: how an actuator follows its pressure. None without the key, or if it is an

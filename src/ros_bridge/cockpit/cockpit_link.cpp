@@ -28,7 +28,7 @@ CallAnswer noAnswer(const std::string& what, const std::string& why) {
   return {what, false, why, false};
 }
 
-// Of a file: digits and T, Z alone.
+// For the name of a file: digits and T, Z alone.
 std::string timeStamp() {
   std::string out = procedures::utcNow();
   out.erase(

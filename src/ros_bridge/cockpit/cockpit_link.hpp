@@ -39,7 +39,7 @@ bool isReady(const std::future<Result>& result) {
   return result.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
 }
 
-/// What CockpitLink::startCalibration() takes for a walk, in the place of words of a fit.
+/// Word of CockpitLink::startCalibration() for a walk, in place of words of a fit.
 inline constexpr char kWalk[] = "walk";
 
 /// Calls services in threads of their own, so that whoever asks is never blocked, and gives up on
@@ -95,8 +95,8 @@ class CallDesk {
   std::vector<CallAnswer> answers_;
 };
 
-/// What the cockpit repeats as its target: pressures or a tip. Decides when the repetition ends,
-/// so that the cockpit never moves an arm again that vented, or that somebody else has. No clock:
+/// The target that the cockpit repeats: pressures or a tip. Decides when the repetition ends, so
+/// that the cockpit never moves an arm again that vented, or that somebody else has. No clock:
 /// times are arguments [s].
 ///
 /// It ends when the arm is no longer enabled, when a target of it is refused for good, when another
@@ -362,7 +362,7 @@ class CockpitLink {
 /// for a link must not wait for one that is gone or hangs. No function waits.
 class LinkBuilder {
  public:
-  /// What is under way ends in its own time.
+  /// An attempt under way ends in its own time.
   ~LinkBuilder() { cancel(); }
 
   /// Begins to connect to the arm of this namespace as soon as the master answers, in place of any
@@ -389,7 +389,7 @@ class LinkBuilder {
   static void end(std::unique_ptr<CockpitLink> link);
 
  private:
-  /// What its thread, which may outlive the builder, shares with it.
+  /// State that its thread, which may outlive the builder, shares with it.
   struct Attempt {
     std::string ns;  ///< resolved
     std::atomic<bool> cancelled{false}, silent{false};

@@ -34,7 +34,7 @@ std::string disconnected(const CockpitView& view) {
          "; start the arm (arm.launch or demo.launch), or correct the namespace";
 }
 
-// What stands in the way of every command of the arm; empty if nothing does.
+// Obstacle to every command of the arm; empty if nothing does.
 std::string unheard(const CockpitView& view) {
   if (!view.connected) return disconnected(view);
   if (!view.safety) return "safety_state has not come yet";
@@ -48,7 +48,7 @@ std::string notEnabled(const CockpitView& view) {
   return "the arm is " + view.safety->state + "; enable it first";
 }
 
-// What keeps the cockpit from commanding the arm; empty if nothing does.
+// Reason that keeps the cockpit from commanding the arm; empty if nothing does.
 std::string notFree(const CockpitView& view) {
   const std::string out = notEnabled(view);
   if (!out.empty()) return out;

@@ -32,15 +32,15 @@ struct CockpitChannel {
 struct CockpitLoop {
   std::string state, message;
   double error = kUnknown;  ///< distance of the measured from the wanted tip [m]
-  /// Of the loop's tip, with tags and base where the scene says [m].
+  /// Standard deviation of the loop's tip, with tags and base where the scene says [m].
   double predicted_sd = kUnknown;
   double budget_sd = kUnknown;  ///< the same with their uncertain placement [m]
 };
 
-/// What the cockpit itself commands.
+/// Kind of command of the cockpit itself.
 enum class CockpitGoal : std::uint8_t { kNone, kPressures, kTip };
 
-/// What it holds, and what became of its targets.
+/// The target that it holds, and the fate of its targets.
 struct CockpitHold {
   CockpitGoal goal = CockpitGoal::kNone;
   std::vector<double> held;     ///< pressures in scene order, gauge [Pa]
@@ -60,11 +60,11 @@ struct CockpitRun {
   Feedback progress;
   Result result;  ///< or without one, why
 };
-/// Of ~run_calibration.
+/// Run of ~run_calibration.
 struct CockpitCalibration : CockpitRun<RunCalibrationFeedback, RunCalibrationResult> {
   bool is_loaded = false;  ///< the calibrated scene is being saved and loaded
 };
-/// Of ~run_experiment.
+/// Run of ~run_experiment.
 using CockpitExperiment = CockpitRun<RunExperimentFeedback, RunExperimentResult>;
 
 /// All that the cockpit shows of one arm, at one moment.
@@ -125,12 +125,12 @@ struct CallAnswer {
   std::string remedy = {};  ///< what the user has to do where the call failed; empty: nothing
 };
 
-// What the cockpit says of an arm, and what it offers. No widget, no ROS: values in, words out.
+// Words of the cockpit about an arm, and its offers. No widget, no ROS: values in, words out.
 
 /// How serious a text is; a widget gives it a colour.
 enum class Tone : std::uint8_t { kQuiet, kGood, kCaution, kBad };
 
-/// What remains to do where an emergency stop fails.
+/// The last resort where an emergency stop fails.
 inline constexpr char kStopByHand[] = "shut the supply and open the relief valve by hand";
 
 /// The arm that the buttons command: its resolved namespace, or that there is none.
@@ -144,7 +144,8 @@ struct Headline {
   Tone tone = Tone::kQuiet;
 };
 Headline headline(const CockpitView& view);
-/// What to do next; and if that is to enable the arm, what prevents it now. Empty if neither is.
+/// The next thing to do; and if that is to enable the arm, what prevents it now. Empty if neither
+/// is.
 std::string remedyWords(const CockpitView& view);
 
 /// That a ROS master which does not answer prevents the connection to an arm.
@@ -178,7 +179,7 @@ struct Words {
 Words answerWords(const CallAnswer& answer);
 Words loopWords(const CockpitView& view);
 Words calibrationWords(const CockpitView& view);
-/// What is doubtful in the result of a calibration; empty if nothing is.
+/// Doubts about the result of a calibration; empty if nothing is.
 Words calibrationWarnings(const CockpitView& view);
 /// Progress and time left; or the figures and the path of the data sheet.
 Words experimentWords(const CockpitView& view);

@@ -60,11 +60,11 @@ constexpr int kSides = 10;               // of a tube
 constexpr double kDisc = 0.004;          // thickness of a separator [m]
 constexpr double kBaseCurve = 0.003;     // width [m]
 constexpr float kMuscleOpacity = 0.45F;  // the curves inside the arm show through
-// Of letters, for an arm of 0.3 m: see SideView::scale.
+// Height of letters, for an arm of 0.3 m: see SideView::scale.
 constexpr double kBannerHeight = 0.022;  // [m]
 constexpr double kReasonHeight = 0.012;  // [m]
 constexpr double kLineHeight = 0.016;    // [m]
-// Of the state's reason. The cockpit shows all of it.
+// Length of the state's reason. The cockpit shows all of it.
 constexpr std::size_t kLongestLine = 78;  // in characters
 constexpr std::size_t kMostLines = 4;
 constexpr std::size_t kTraceLength = 400;
@@ -158,7 +158,7 @@ std_msgs::ColorRGBA stateColor(const control::SafetyReport& report) {
   return report.state == SafetyState::kVented ? color(1.0, 0.75, 0.3) : color(0.8, 0.8, 0.85);
 }
 
-// Of vision and its loop.
+// Markers of vision and its loop.
 constexpr int kMarkerPoints = 32;  // of a curve, per section; even, since dashes are drawn in pairs
 constexpr double kMeasuredCurve = 0.008;   // width, larger than the others [m]
 constexpr double kTipTextHeight = 0.018;   // [m]
@@ -197,7 +197,7 @@ std::string lineOfColumn(int i, int n, const std::string& text) {
 using Control = visualization_msgs::InteractiveMarkerControl;
 using Feedback = visualization_msgs::InteractiveMarkerFeedback;
 
-// Of the handle.
+// Name of the handle.
 constexpr char kHandle[] = "tip";
 constexpr double kFollowStep = 0.002;  // smaller moves are not worth a message [m]
 constexpr double kHoldTimeout = 2.0;   // of an rviz that ended while it dragged the handle [s]
@@ -238,7 +238,7 @@ visualization_msgs::InteractiveMarker handle(const std::string& frame, const io:
 
 double SideView::distance(double field_of_view, double aspect) const {
   const double half = std::tan(0.5 * field_of_view);
-  // What is nearer to the camera than the base is larger.
+  // A thing that is nearer to the camera than the base is larger.
   constexpr double kMargin = 1.05;
   return kMargin * 0.5 * std::max(height / half, width / (half * aspect));
 }

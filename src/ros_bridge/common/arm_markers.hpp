@@ -21,7 +21,7 @@
 #include "helix_arm/model/curve.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
 
-/// What rviz shows of an arm: markers in its base frame, in stable namespaces and ids; its handle.
+/// Display of an arm in rviz: markers in its base frame, in stable namespaces and ids; its handle.
 namespace helix_arm::ros_bridge {
 
 /// How an arm is looked at from the side, for any mounting, and where texts about it stand, so that
@@ -54,7 +54,7 @@ SideView sideView(const Eigen::Vector3d& axis, double length, double radius);
 /// @param view  in the axes of the world frame.
 SideView seenFrom(const Eigen::Matrix3d& R_WB, SideView view);
 
-/// Of the arm of a scene, in the axes of its base, in which it is drawn.
+/// Side view of the arm of a scene, in the axes of its base, in which it is drawn.
 SideView sideViewOf(const io::Scene& scene);
 
 /// From the centre of a line of text to that of the next, by rviz, in heights of a letter.

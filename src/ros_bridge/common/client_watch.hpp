@@ -24,7 +24,7 @@ namespace helix_arm::ros_bridge {
 /// Longest wait for an answer [s].
 inline constexpr double kAnswerPatience = 2;
 
-/// What became of a call of the XML-RPC interface of the master or of a node.
+/// Outcome of a call of the XML-RPC interface of the master or of a node.
 enum class Reply {
   kSuccess,
   kFailure,  ///< it answers that it failed
@@ -67,7 +67,7 @@ class ClientWatch {
 
   /// Whether the watched node is gone. Takes no lock.
   bool isGone() const;
-  /// What is wrong, and the remedy.
+  /// The fault, and the remedy.
   std::string whyGone() const;
 
  private:
@@ -82,9 +82,9 @@ class ClientWatch {
   std::string node_ HELIX_ARM_GUARDED_BY(mutex_);     ///< empty: none
   unsigned number_ HELIX_ARM_GUARDED_BY(mutex_) = 0;  ///< of watched nodes so far
   std::atomic<bool> gone_{false};
-  /// Of the steady clock; infinite while no node is watched [s].
+  /// Time of the last answer on the steady clock; infinite while no node is watched [s].
   std::atomic<double> last_answer_{kInfinity};
-  // Of the thread that asks.
+  // State of the thread that asks.
   std::string uri_;
   unsigned asked_ = 0;  ///< number of the node
   int misses_ = 0;
@@ -139,7 +139,7 @@ class GoalClient {
   }
 
   basics::Mutex mutex_;
-  /// Of the goals that somebody still has.
+  /// Senders of the goals that somebody still has.
   std::list<std::pair<boost::weak_ptr<const ActionGoal>, std::string>> senders_
       HELIX_ARM_GUARDED_BY(mutex_);
   ClientWatch watches_[2];

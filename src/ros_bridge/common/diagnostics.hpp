@@ -19,7 +19,7 @@ namespace helix_arm::io {
 struct Scene;
 }
 
-/// What a node tells: lines of ROS's log, warnings of faults, and diagnostics.
+/// Reports of a node: lines of ROS's log, warnings of faults, and diagnostics.
 namespace helix_arm::ros_bridge {
 
 // Lines in ROS's log delay no thread of a node.

@@ -16,7 +16,7 @@
 #include "helix_arm/model/contraction.hpp"
 #include "helix_arm/regulator/config.hpp"
 
-/// What a user gives a node: parameters, files that its services read and write, another scene.
+/// Inputs of a node by its user: parameters, files that its services read and write, another scene.
 namespace helix_arm::ros_bridge {
 
 /// Where services read and write by default: `helix_arm` below ROS_HOME, which is ~/.ros if unset.

@@ -74,7 +74,7 @@ std::unique_ptr<Node> makeVision();
 std::unique_ptr<Node> makeVisionInManager(const ros::NodeHandle& node,
                                           const ros::NodeHandle& private_node);
 std::unique_ptr<Node> makeVisualServo();
-/// That of a program, by its name.
+/// Node of a program, by its name.
 std::unique_ptr<Node> makeNode(const std::string& program);
 
 /// Calls a function periodically in a thread of its own, until that returns false or this is

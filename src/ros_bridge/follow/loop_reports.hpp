@@ -58,7 +58,7 @@ class CalibrationWatch {
                  basics::format(" %+.1f %%", 100 * std::expm1(estimate.value[i]));
     }
   }
-  /// What to calibrate again, such as "length of muscle_2 +0.8 %"; empty if nothing.
+  /// Part to calibrate again, such as "length of muscle_2 +0.8 %"; empty if nothing.
   const std::string& advice() const { return advice_; }
 
  private:
@@ -67,8 +67,8 @@ class CalibrationWatch {
   std::string advice_;
 };
 
-/// What a contact is, as far as is known: an arm whose muscles pull otherwise than the scene says
-/// seems to be touched.
+/// Words for a contact, as far as it is known: an arm whose muscles pull otherwise than the scene
+/// says seems to be touched.
 inline ContactWords contactWords(const procedures::SuspectWatch& suspects) {
   if (!suspects.suspects().empty()) return {"it looks like a contact with the arm", "mend that"};
   if (suspects.isSound()) return {"contact with the arm", "clear the arm"};
@@ -204,7 +204,7 @@ class LoopDiagnostics {
   CalibrationWatch calibration_;
 };
 
-/// What one picture says of the arm.
+/// The arm as one picture shows it.
 struct SeenArm {
   ros::Time stamp;  ///< of the picture
   model::Shape shape;
@@ -222,7 +222,7 @@ inline std::optional<std::vector<int>> fittedTags(const TagDetections& detection
     if (!tag.fitted) continue;
     const int index = layout.find(tag.id);
     if (index < 0) return std::nullopt;
-    // Of a message with any number of tags, no more than the layout has are kept.
+    // From a message with any number of tags, no more than the layout has are kept.
     const auto place = std::lower_bound(out.begin(), out.end(), index);
     if (place == out.end() || *place != index) out.insert(place, index);
   }
@@ -388,7 +388,7 @@ class LoopPublisher {
       "the calibration does not explain the arm's shape: a load, slip, a changed muscle, or a "
       "camera that has moved";
 
-  /// Of the load: what acts on the arm, as far as it is seen.
+  /// State of the load: what acts on the arm, as far as it is seen.
   const std::string& loadState() const {
     if (!loop_.sees()) return ExternalLoad::UNSEEN;
     if (loop_.load().contact) return ExternalLoad::CONTACT;

@@ -45,7 +45,7 @@ struct GoalEnding {
   std::string message;  ///< what is wrong, and the remedy
 };
 
-/// What the loop takes a contact for, and what to do about it.
+/// Cause that the loop assumes for a contact, and the remedy.
 struct ContactWords {
   std::string what, remedy;
 };
@@ -61,7 +61,7 @@ struct GoalFigures {
 /// wanted at the time of the picture. Time is a number [s].
 class GoalWatch {
  public:
-  /// What was wanted at one time.
+  /// The wanted tip at one time.
   struct Moment {
     double time;                        ///< [s]
     double path_time;                   ///< since the path's start [s]
@@ -115,7 +115,7 @@ struct PathGoal {
   std::optional<double> hold;  ///< of the last point [s]; nothing: the default
 };
 
-/// What a goal becomes: to be followed, or refused.
+/// Decision on a goal: to be followed, or refused.
 using DecidedGoal = std::variant<PathGoal, GoalEnding>;
 
 /// Why the arm cannot follow a path, empty if it can. @param tolerance  of its positions [m].

@@ -34,11 +34,11 @@ struct TargetSender {
   template <class Message>
   TargetSender(const char* on, const ros::MessageEvent<const Message>& event)
       : topic(on), commander(event.getPublisherName()), stamp(event.getMessage()->header.stamp) {}
-  /// Of the interactive marker.
+  /// Sender of the interactive marker.
   explicit TargetSender(const ros::Time& time);
 };
 
-/// What the inverse makes of a target.
+/// Solution of the inverse for a target.
 struct TargetSolution {
   statics::InverseStatus status;
   double residual;                            ///< norm of the weighted error [m]

@@ -163,7 +163,7 @@ constexpr int kShift = 4;  // OpenCV's fixed point: sixteenths of a pixel
 
 const cv::Scalar kFits(255, 200, 120), kDoesNotFit(50, 60, 255), kNotUsed(170, 170, 170);
 
-// Those of kLegend (arm_markers.cpp).
+// Colours of kLegend (arm_markers.cpp).
 const cv::Scalar kMeasured(26, 140, 255), kModel(69, 179, 46), kDark(30, 30, 30);
 
 // Sizes of lines and letters that stay legible if the picture is shown much smaller.
@@ -236,7 +236,7 @@ cv::Scalar colorOf(const TagDetection& tag) {
   return tag.outlier ? kDoesNotFit : kFits;
 }
 
-// Of VisionStatus, by vision::ObservationState.
+// States of VisionStatus, by vision::ObservationState.
 constexpr std::uint8_t kStates[] = {VisionStatus::MEASURED, VisionStatus::NO_TAGS,
                                     VisionStatus::FEW_TAGS, VisionStatus::NO_FIT};
 

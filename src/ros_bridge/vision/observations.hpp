@@ -14,7 +14,7 @@
 #include "ros_bridge/common/arm_markers.hpp"
 #include "ros_bridge/common/guarded_callbacks.hpp"
 
-/// What is seen in pictures, as messages, words and drawings.
+/// Observations in pictures, as messages, words and drawings.
 namespace helix_arm::ros_bridge {
 
 /// The model's shapes of the last seconds, to find the one at the time of a picture.
@@ -78,8 +78,8 @@ class ModelHistory {
   std::deque<Entry> entries_;  ///< by ascending stamp
 };
 
-/// What was seen in one picture, and what it is compared with. It refers to memory of the picture
-/// and of the PictureMeasurer: valid as long as its picture, until the next one is measured.
+/// Observation in one picture, and what it is compared with. It refers to memory of the picture and
+/// of the PictureMeasurer: valid as long as its picture, until the next one is measured.
 struct Measurement {
   ros::Time stamp;  ///< of the picture
   cv::Mat gray;     ///< (CV_8UC1)
@@ -97,8 +97,8 @@ struct Measurement {
 /// All that is published of one picture, except frames and drawings.
 struct ObservationReport {
   int tags = 0;  ///< of the arm in sight, each seen once
-  /// What is seen: the summary where the shape is measured, else why it is not and what to check;
-  /// and the ids of tags that no fit can use.
+  /// Account of what is seen: the summary where the shape is measured, else why it is not and what
+  /// to check; and the ids of tags that no fit can use.
   std::string account;
   TagDetections detections;         ///< camera frame; in the order of Observation::detections
   std::optional<ArmShape> shape;    ///< base frame; only if measured
@@ -211,7 +211,7 @@ class VisionStatusPublisher {
   void countLocked(const PictureRefusal& refusal) HELIX_ARM_REQUIRES(mutex_);
   /// Does nothing after close().
   void enterLocked(std::uint8_t state, const std::string& message) HELIX_ARM_REQUIRES(mutex_);
-  /// Of the pictures, and of what is seen in them.
+  /// Status of the pictures, and of what is seen in them.
   diagnostic_msgs::DiagnosticStatus cameraStatus(double seconds) HELIX_ARM_REQUIRES(mutex_);
   diagnostic_msgs::DiagnosticStatus measurementStatus(double seconds) const
       HELIX_ARM_REQUIRES(mutex_);

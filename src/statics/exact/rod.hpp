@@ -24,7 +24,7 @@
 namespace helix_arm::statics::dormand_prince {
 
 inline constexpr int kStages = 12;
-/// Of a stage: its place in the step, and the weights of the stages before it.
+/// A stage: its place in the step, and the weights of the stages before it.
 struct Stage {
   double node, weights[kStages];
 };

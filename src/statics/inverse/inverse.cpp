@@ -204,7 +204,8 @@ class InversePreference {
     return sum;
   }
 
-  // Of kStiff: logarithm of the compliance at inputs; its gradient by fractions of their ranges.
+  // Cost of kStiff: logarithm of the compliance at inputs; its gradient by fractions of their
+  // ranges.
   double softness(const Eigen::VectorXd& input) const {
     Eigen::VectorXd lengths(n_);
     for (int i = 0; i < n_; ++i) {

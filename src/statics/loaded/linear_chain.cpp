@@ -77,7 +77,7 @@ struct LoadMoments {
     }
   }
 
-  // Of the loads beyond a place, whose weights are those of the integral from there on.
+  // Moments of the loads beyond a place, whose weights are those of the integral from there on.
   template <class Weights>
   Moments byRate(const Weights& weights, int l) const {
     Moments sum = element.weights[l] * pulled;
@@ -156,7 +156,7 @@ template <class Group>
 typename LinearChain<Group>::Response LinearChain<Group>::balanced(const Motion& at_tip) const {
   constexpr int kDof = Group::kDof;
   using Matrix = typename Group::Matrix;
-  // Of each element, with its own rates eliminated.
+  // Equations of each element, with its own rates eliminated.
   struct Reduced {
     Eigen::MatrixXd rates;
     Motion end, wrench;

@@ -57,7 +57,8 @@ inline constexpr double kBranching = 0.5;
 // Load steps, relative to the whole load.
 inline constexpr double kFirstLoadStep = 0.25;
 inline constexpr double kLeastLoadStep = 1e-3;
-// Of a step's shape from the predicted one: relative to the step, or to the arm's size and 1 rad.
+// Distance of a step's shape from the predicted one: relative to the step, or to the arm's size and
+// 1 rad.
 inline constexpr double kOnBranch = 0.5;
 inline constexpr double kNearBranch = 0.05;
 
@@ -718,7 +719,7 @@ class LoadedArmOf<Group>::Relaxation {
     finish(SolveStatus::kNotConverged);
   }
 
-  // Of all elements together, relative to the arm's size and one radian.
+  // Largest change of all elements together, relative to the arm's size and one radian.
   double largest(const Rates& change) const {
     return count_ * (scale_.asDiagonal() * change).colwise().norm().maxCoeff();
   }

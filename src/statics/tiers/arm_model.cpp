@@ -69,7 +69,8 @@ struct ArmModel::Solvers {
   Solvers(const Solvers&) = delete;  // its parts refer to each other
   Solvers& operator=(const Solvers&) = delete;
 
-  // Of either arm, at inputs (n), which throws as Arm::lengths() does, or at free lengths (n).
+  // Calls for either arm, at inputs (n), which throws as Arm::lengths() does, or at free lengths
+  // (n).
   auto atInputs(const model::InputRef& q) const {
     return [&](const auto& of) {
       return taken != nullptr ? unloadedUnder(of, *taken, q) : of.unloaded(q);

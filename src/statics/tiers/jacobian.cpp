@@ -192,7 +192,7 @@ ShapeJacobian loadedJacobian(const ArmModel& model, const Eigen::VectorXd& lengt
   return out;
 }
 
-// Of the tiers that take no load.
+// Jacobian of the tiers that take no load.
 ShapeJacobian unloadedJacobian(const ArmModel& model, const model::InputRef& q,
                                const JacobianParts& wanted) {
   const model::Arm& arm = model.arm();

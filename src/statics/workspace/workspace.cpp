@@ -19,7 +19,8 @@
 namespace helix_arm::statics {
 namespace {
 
-// Of pieces: a point takes 20 ns in closed form, up to 0.1 s with sensitivity by the exact tier.
+// Sizes of pieces: a point takes 20 ns in closed form, up to 0.1 s with sensitivity by the exact
+// tier.
 constexpr int kBatchPiece = 16384;
 constexpr int kClosedFormPiece = 256;
 constexpr int kLoadedPiece = 64;
@@ -54,7 +55,7 @@ constexpr double kSufficient = 1e-4;     // of the gain that the slope predicts
 constexpr double kNoGain = 1e-11;        // gain below which the search ends [m]
 constexpr double kLeastCurvature = 0.2;  // Powell's, relative to the present curvature
 
-// Of branch and bound.
+// Limits of branch and bound.
 constexpr int kMostBoxes = 4000;         // per extreme
 constexpr double kLeastRange = 1e-12;    // of a twist coordinate, relative to the largest
 constexpr double kPenalty = 1e4;         // of leaving the reachable twists, relative to the slope
@@ -166,7 +167,7 @@ class ExtentBound {
     Eigen::VectorXd centre, half;  // of y
     double bound;                  // on the extent
   };
-  // What a box can do beyond the linear model of its tip [m].
+  // Reach of a box beyond the linear model of its tip [m].
   struct Spread {
     double length;     // no tip is farther from the base
     double moved;      // bound on |p'|
