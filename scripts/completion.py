@@ -1,4 +1,4 @@
-"""What may stand in the place of the last word of a call of helix_arm, as its --help says. Run as a file by bash's completion.
+"""Completions of the last word of a call of helix_arm, as its --help says. Run as a file by bash's completion.
 
 usage: completion.py helix_arm [WORD...]
 

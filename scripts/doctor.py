@@ -52,7 +52,7 @@ class TimedTransport(xmlrpc.client.Transport):
 
 
 def output_of(*command):
-    """What a program prints; nothing if there is no such program."""
+    """Output of a program; nothing if there is no such program."""
     try:
         done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=60, check=False)
         return done.stdout.decode(errors="replace").strip()

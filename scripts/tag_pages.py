@@ -40,7 +40,7 @@ ACTUAL_SIZE = 'Print at 100 % ("actual size"), on matt paper. '
 
 
 class Refused(Exception):
-    """What does not fit on the paper, with its rule."""
+    """A part that does not fit on the paper, with its rule."""
 
 
 class Box(NamedTuple):
@@ -59,7 +59,7 @@ class Paper:
         self.name, (width, height) = name, PAPERS[name]
         self.size = width, height
         self.area = Box(MARGIN, MARGIN, width - 2 * MARGIN, height - 2 * MARGIN)
-        # What the heading and the rulers leave.
+        # Space that the heading and the rulers leave.
         self.free = Box(MARGIN + RULER_COLUMN, MARGIN + HEADING, self.area.width - RULER_COLUMN,
                         self.area.height - HEADING - FOOTER)
 

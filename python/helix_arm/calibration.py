@@ -32,7 +32,7 @@ USUAL_CAPTURES = 3  # per pressure
 BETWEEN_LOOKS = 0.005  # [s]
 KINDS, BRANCHES = ("quintic", "table"), ("both", "rising", "falling")
 SCENE_NOISES = (0.0, 0.0, 0.0, 0.0, REST_OFFSET)
-# What a walk does not find.
+# Faults that a walk does not find.
 NO_FIT: Dict[str, Any] = {"held_out_error": None, "tip_error_before_m": None, "tip_error_after_m": None, "parameters": (),
                           "response_rms_m": None, "rms": None, "next_pressures_pa": None}
 
@@ -80,7 +80,7 @@ class Calibrator:
                             "files in it")
 
     def table_path(self, data: str) -> str:
-        """Of a data set to read (.csv)."""
+        """Path of a data set to read (.csv)."""
         return self._data.to_read("data", data, ".csv")
 
     def scene_path(self, out: str) -> str:
@@ -88,7 +88,7 @@ class Calibrator:
         return out and self._out.to_write("out", out, ".yaml")
 
     def save_path(self, path: str) -> str:
-        """Of a scene or of samples to write."""
+        """Path of a scene or of samples to write."""
         return self._out.to_write("path", path, ".yaml", ".csv")
 
     def load(self, paths: Sequence[str]) -> Any:

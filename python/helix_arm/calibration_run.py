@@ -42,7 +42,7 @@ class RunRules:
 
 @dataclasses.dataclass
 class Order:
-    """What to do now."""
+    """The next step."""
 
     pressure: np.ndarray  #: (n) to command [Pa]
     capture: Optional[Any] = None  #: the settling's last sample, to keep

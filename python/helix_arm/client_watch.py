@@ -55,7 +55,7 @@ class ClientWatch:
         return self._gone or time.monotonic() - self._last_answer > LONGEST_SILENCE
 
     def why_gone(self) -> str:
-        """What is wrong, and the remedy."""
+        """The fault, and the remedy."""
         name = f", {quoted(self._node)}," if self._node else ""
         return f"the node that sent the goal{name} is gone or does not answer; keep it running until the goal has ended"
 

@@ -15,7 +15,7 @@ def __getattr__(part: str) -> Any:
 
 
 def use(settings: Dict[str, Any]) -> None:
-    """Of this process, such as REPORT. Raises ImportError without matplotlib, as all below do."""
+    """Sets the style of this process, such as REPORT. Raises ImportError without matplotlib, as all below do."""
     importlib.import_module("matplotlib").rcParams.update(settings)
 
 

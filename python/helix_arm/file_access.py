@@ -54,7 +54,7 @@ class FileAccess:
         return path
 
     def folder(self, what: str, given: str) -> str:
-        """Of a folder, whose name has no ending."""
+        """Path of a folder, whose name has no ending."""
         return self._resolved(what, given, ("",))
 
     def _resolved(self, what: str, given: str, endings: Sequence[str]) -> str:

@@ -253,7 +253,7 @@ class FollowPath(Node):
         self._end_once_recorded()
 
     def _end_once_recorded(self) -> None:
-        """What the last pictures wait for comes within moments."""
+        """Readings that the last pictures wait for come within moments."""
         waits = self._recorder is not None and not self._recorder.is_complete()
         if not waits or time.monotonic() - self._done_since >= LAST_WORDS:
             end.make()

@@ -71,12 +71,12 @@ class ActionServer(actionlib.SimpleActionServer):
             send(result, result.message)
 
     def watch_sender(self) -> ClientWatch:
-        """Of the present goal."""
+        """Watch over the sender of the present goal."""
         return ClientWatch(self.current_goal.status_tracker.goal._connection_header.get("callerid", ""))
 
 
 class PatientClient(actionlib.ActionClient):
-    """Of an action by its resolved name. A SimpleActionClient loses an answer that comes before its send_goal() returns."""
+    """Client of an action by its resolved name. A SimpleActionClient loses an answer that comes before its send_goal() returns."""
 
     def __init__(self, action: str, kind: Any) -> None:
         self._asked = time.monotonic()

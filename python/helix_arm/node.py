@@ -1,4 +1,4 @@
-"""What the nodes in Python share: their parameters, their log, and how they end. As src/ros_bridge/common of those in C++."""
+"""Parts that the nodes in Python share: their parameters, their log, and how they end. As src/ros_bridge/common of those in C++."""
 from __future__ import annotations
 
 import functools
@@ -200,7 +200,7 @@ def _guarded(body: Callable[[], int]) -> int:
 
 
 def _set_parameters() -> None:
-    """Those of the command line, with the types that nodes in C++ give them: rospy reads YAML."""
+    """Parameters of the command line, with the types that nodes in C++ give them: rospy reads YAML."""
     for word in sys.argv[1:]:
         name, given, text = word.partition(":=")
         if not given or not name.startswith("_") or name.startswith("__"):

@@ -1,4 +1,4 @@
-"""What is measured of an arm: whether it stands still, and the samples that are recorded of it."""
+"""Measurements of an arm: whether it stands still, and the samples that are recorded of it."""
 from __future__ import annotations
 
 import functools
@@ -45,7 +45,7 @@ class Recording:
         self.scene, self.samples, self.series, self.calibrated = scene, samples, series, calibrated
 
     def data(self) -> Any:
-        """What a calibration takes."""
+        """Samples for a calibration."""
         require(bool(self.samples), "no sample was recorded; call record_sample or run_calibration first, or name data sets")
         return self.scene._measured(self.samples, self.series)
 

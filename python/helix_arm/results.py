@@ -1,4 +1,4 @@
-"""What the methods of Scene return: objects with named fields in SI units. A result of one row lacks the first dimension N."""
+"""Results of the methods of Scene: objects with named fields in SI units. A result of one row lacks the first dimension N."""
 from __future__ import annotations
 
 import dataclasses
@@ -15,7 +15,7 @@ class Result:
 
     @classmethod
     def of(cls, found: Dict[str, Any]) -> Any:
-        """That of a dict which has its fields, and others."""
+        """Result of a dict which has its fields, and others."""
         return cls(**{field.name: found[field.name] for field in dataclasses.fields(cls)})  # type: ignore[arg-type]
 
     def to_dict(self) -> Dict[str, Any]:
@@ -164,7 +164,7 @@ class Evaluation(Result):
 
 @dataclasses.dataclass(frozen=True)
 class Sight(Result):
-    """What one picture shows. Without a measured shape its fields hold NaN."""
+    """The shape that one picture shows. Without a measured shape its fields hold NaN."""
 
     state: str  #: "measured", "no_tags", "too_few_tags" or "no_fit"
     twists: np.ndarray  #: (sections, 6) v [m], w [rad]
@@ -225,7 +225,7 @@ class Suspect(Result):
 
 @dataclasses.dataclass(frozen=True)
 class Calibration(Result):
-    """What a calibration found."""
+    """Result of a calibration."""
 
     success: bool
     message: str  #: the result in one line, or cause and remedy

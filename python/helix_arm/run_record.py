@@ -58,7 +58,7 @@ class TimeSeries:
 
 
 class Row(NamedTuple):
-    """What a recorded run says of one picture. Tips are positions in one frame [m]."""
+    """The record of a run at one picture. Tips are positions in one frame [m]."""
 
     stamp: float  # of the picture [s]
     path_time: float  # since the start of the path; negative on the way to its first point [s]

@@ -214,7 +214,7 @@ class Scene(_core.Scene):
         return results.Evaluation(kind, unit, errors, float(np.sqrt(np.mean(sizes**2))), float(np.median(sizes)), float(sizes.max()))
 
     def _warn_of_millimetres(self, given: Any, name: str) -> None:
-        """Of positions (3) or rows that begin with them, all far beyond the arm; twists are no positions."""
+        """Warns of positions (3) or rows that begin with them, all far beyond the arm; twists are no positions."""
         rows = np.atleast_2d(given)
         if name == "twists" or not len(rows):
             return

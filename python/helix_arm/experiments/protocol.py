@@ -1,4 +1,4 @@
-"""What an experiment is: trials that a rig records, and figures of the recordings."""
+"""An experiment: trials that a rig records, and figures of the recordings."""
 from __future__ import annotations
 
 from dataclasses import dataclass, field
@@ -17,7 +17,7 @@ TAIL_S = 0.5  # vented, at the end of a trial
 
 @dataclass(frozen=True)
 class Options:
-    """What a call may change of a protocol; None: as it is.
+    """Parts of a protocol that a call may change; None: as it is.
 
     actuators: indices. settle_s: in which the arm comes to rest, measured by `step` before others in `all`.
     """

@@ -137,7 +137,7 @@ def pose_figures(recording: Recording, scene: Optional[Scene]) -> List[Figure]:
 
 
 def crossings(time: np.ndarray, tips: np.ndarray, commanded: np.ndarray, period: float) -> Tuple[np.ndarray, np.ndarray]:
-    """Of a circle: attained (turns, POINTS, 3) and commanded (POINTS, 3) where paths cross planes through the circle's axis; each
+    """Crossings of a circle: attained (turns, POINTS, 3) and commanded (POINTS, 3) where paths cross planes through the circle's axis; each
     the mean over a part of the turn. The first turn is left out."""
     last, seen = commanded[time > time[-1] - period], np.isfinite(tips).all(axis=1)
     centre = (last.max(axis=0) + last.min(axis=0)) / 2

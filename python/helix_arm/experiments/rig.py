@@ -1,4 +1,4 @@
-"""What an experiment drives and what it gets: inputs, recordings, and the rig between them."""
+"""The interface of an experiment: inputs, recordings, and the rig between them."""
 from __future__ import annotations
 
 import csv
@@ -21,7 +21,7 @@ FASTEST_S = 0.1  # for a whole range of pressure, where the scene limits no rate
 
 @dataclass(frozen=True)
 class Inputs:
-    """What is commanded: straight lines between points.
+    """A command: straight lines between points.
 
     time_s: (k,) ascending from 0. pressure_pa: (k, n) gauge [Pa], in the scene's order of actuators. name: of the trial.
     """
@@ -37,7 +37,7 @@ class Inputs:
 
 @dataclass(frozen=True)
 class Recording:
-    """What was measured while inputs were commanded, a row for each reading.
+    """Measurements while inputs were commanded, a row for each reading.
 
     time_s: (m,) since the inputs began. target_pa, measured_pa: (m, n) gauge [Pa]. tip_m: (m, 3) seen from the base, NaN in rows
     without a picture in which the tip is seen. ended: "", or why the rig stopped before the end of the inputs.

@@ -39,7 +39,7 @@ def plan(rig: Rig, scene: Scene, options: Options) -> List[Trial]:
 
 @dataclass(frozen=True)
 class Response:
-    """Of one step, as a part of it. time: since the command began to change [s]."""
+    """Figures of one step, as parts of it. time: since the command began to change [s]."""
 
     time: np.ndarray
     part: np.ndarray
@@ -219,7 +219,7 @@ def _time(name: str, symbol: str, found: Tuple[float, float], definition: str) -
 
 
 def _dead_time(name: str, group: Group, parts: List[Response]) -> Figure:
-    """Of the pressure behind its command, whose ramp is not part of it."""
+    """Dead time of the pressure behind its command, whose ramp is not part of it."""
     if not all(np.isfinite(recording.target_pa).all() for recording, *_ in group):
         return Figure.unknown(name, "D", "s", "the commands are not known.")
     ramps = []
@@ -307,7 +307,7 @@ def analyse(recordings: Recordings, names: Sequence[str], scene: Optional[Scene]
 
 
 def _drift(name: str, group: Group) -> Figure:
-    """Of the tip before the first and before the last step."""
+    """Way of the tip before the first and before the last step."""
     means, errors = [], []
     for recording, _, step, earlier in (group[0], group[-1]):
         time, tip = recording.time_s, recording.tip_m
