@@ -93,7 +93,7 @@ void addFit(const CalibrationFit& fit, Calibration& out) {
   if (out.spline && fit.covariance.size() > 0) out.curve_test = testCurve(fit);
   out.X_B0B = problem.base();
   out.layout = problem.layout();
-  out.bleed = problem.values().own_blocks.at(ParameterBlock::kBleed)[0];
+  out.border_shift = problem.values().own_blocks.at(ParameterBlock::kBorderShift)[0];
   for (int c = 0; c < problem.captures(); ++c) {
     out.curves.push_back(problem.shape(c));
     out.shapes.push_back(out.curves.back().twists());
@@ -277,15 +277,15 @@ std::optional<Verdict> unfinished(const CalibrationFit& fit) {
 bool ArmCaptures::isLoaded() const {
   return (load && !load->empty() && statics::takesLoad(tier.tier)) ||
          std::any_of(captures.begin(), captures.end(),
-                     [](const Capture& capture) { return capture.hung.has_value(); });
+                     [](const Capture& capture) { return capture.payload.has_value(); });
 }
 
-ArmCaptures ArmCaptures::under(const std::optional<statics::PointLoad>& hung) const {
+ArmCaptures ArmCaptures::under(const std::optional<statics::PointLoad>& payload) const {
   // The arm's tier was chosen for its own load.
   constexpr statics::TierSetting kAccurate{statics::Tier::kLoaded, 5};
   ArmCaptures out{name, arm, planar, layout, X_CB, camera, {}, load, tier, free_curve};
-  if (!hung) return out;
-  out.load.value().points.push_back(*hung);
+  if (!payload) return out;
+  out.load.value().points.push_back(*payload);
   if (tier.tier != statics::Tier::kExact) out.tier = kAccurate;
   return out;
 }

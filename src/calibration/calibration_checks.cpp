@@ -92,11 +92,11 @@ std::optional<std::string> unbalanced(const std::vector<ArmCaptures>& arms) {
   }
   const std::vector<ArmCaptures> states = statesOf(arms);
   ShapeModel model(states, {});
-  std::size_t hung = arms.size();
+  std::size_t payload = arms.size();
   for (std::size_t a = 0; a < arms.size(); ++a) {
     for (const Capture& capture : arms[a].captures) {
       const Eigen::VectorXd lengths = arms[a].arm.lengths(capture.pressure);
-      const std::size_t state = capture.hung ? hung++ : a;
+      const std::size_t state = capture.payload ? payload++ : a;
       if (model.at(static_cast<int>(state), lengths, nullptr).found) continue;
       return text(arms[a].name, ", capture ", capture.number, ": at ",
                   pressureText(capture.pressure),
@@ -140,7 +140,7 @@ bool anyFitted(const CalibrationOptions& options, const Holds& holds) {
       [&](const FitParameterInfo& info) { return isFitted(info, options) && holds(info); });
 }
 
-// "base, tags and bleed".
+// "base, tags and border shift".
 std::string rigWords() {
   std::vector<std::string> words;
   for (const FitParameterInfo& info : fitParameters()) {

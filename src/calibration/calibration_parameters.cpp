@@ -26,8 +26,8 @@ constexpr FitPrior kTagTranslation{"the tags' prior of translation",
                                    [](const Options& o) { return o.tag_prior.translation; }};
 constexpr FitPrior kTagRotation{"the tags' prior of rotation",
                                 [](const Options& o) { return o.tag_prior.rotation; }};
-constexpr FitPrior kBleedPrior{"the prior of the bleed",
-                               [](const Options& o) { return o.bleed_prior; }};
+constexpr FitPrior kBorderShiftPrior{"the prior of the bleed",
+                                     [](const Options& o) { return o.border_shift_prior; }};
 
 FitParameterInfo stiffness(FitParameter parameter, const char* word, FitGroup group,
                            StiffnessEntry entry, const char* unit, bool Options::*flag) {
@@ -65,7 +65,7 @@ FitParameterInfo placement(FitParameter parameter, const char* word, const char*
   info.block = block;
   info.numbers = std::move(numbers);
   info.flag = flag;
-  info.implied = block == ParameterBlock::kBleed;
+  info.implied = block == ParameterBlock::kBorderShift;
   info.uncertain_if_held = block != ParameterBlock::kBase;
   return info;
 }
@@ -118,8 +118,9 @@ const std::vector<FitParameterInfo>& fitParameters() {
                 poseNumbers("_x", kBaseTranslation, kBaseRotation), &Options::base),
       placement(FitParameter::kTags, "tags", "tag", FitNeed::kTags, ParameterBlock::kTag,
                 poseNumbers("_along", kTagTranslation, kTagRotation), &Options::tags),
-      placement(FitParameter::kBleed, "bleed", "bleed", FitNeed::kCorners, ParameterBlock::kBleed,
-                {{"", "m", kBleedPrior}}, &Options::bleed)};
+      placement(FitParameter::kBorderShift, "bleed", "bleed", FitNeed::kCorners,
+                ParameterBlock::kBorderShift, {{"", "m", kBorderShiftPrior}},
+                &Options::border_shift)};
   return kTable;
 }
 

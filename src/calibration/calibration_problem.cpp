@@ -29,7 +29,7 @@ constexpr double kLeastDiagonal = 1e-6, kMostDiagonal = 1e32;
 constexpr double kLeastDecrease = 1e-3;
 constexpr int kMostInvalidSteps = 5;
 
-class Radius {
+class TrustRegion {
  public:
   double value() const { return radius_; }
   void accept(double quality) {
@@ -70,11 +70,11 @@ CalibrationProblem::CalibrationProblem(const std::vector<ArmCaptures>& arms,
     : shared_(arms, options, selection),
       blocks_(arms, options, selection, shared_.model),
       kind_(kindOf(firstReading(arms))) {
-  auto hung = static_cast<int>(arms.size());
+  auto payload = static_cast<int>(arms.size());
   for (std::size_t a = 0; a < arms.size(); ++a) {
     for (const Capture& capture : arms[a].captures) {
       places_.push_back(placeAt(shared_, static_cast<int>(a), captures(), capture.pressure));
-      if (capture.hung) places_.back().state = hung++;
+      if (capture.payload) places_.back().state = payload++;
     }
   }
   if (selection.free_shapes) addShapes();
@@ -168,7 +168,7 @@ Solved CalibrationProblem::solve(double noise_scale, const Included& included,
   assemble(task, *here_, now);
   out.converged = isFlat(*equations_);
   const Eigen::ArrayXd unit2 = (1 + equations_->diagonal().array().sqrt()).square();
-  Radius radius;
+  TrustRegion radius;
   int invalid = 0;
   bool settled = false;  // whether the last step was one, and small
   for (int n = 0; !out.converged; ++n) {

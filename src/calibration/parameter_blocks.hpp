@@ -46,7 +46,7 @@ struct Values {
   Eigen::VectorXd curve;                    ///< see FreeCurve
   Eigen::VectorXd stiffness, length_scale;  ///< logarithms of the ratios to their initial values
   /// Numbers of every block of FitParameterInfo::hasOwnBlock() except the tags, fitted or not: logs
-  /// of stroke scales, right-hand motion [m, rad] of the base, bleed [m].
+  /// of stroke scales, right-hand motion [m, rad] of the base, border shift [m].
   std::map<ParameterBlock, Eigen::VectorXd> own_blocks;
   std::vector<lie::Vector6> tags;       ///< shift along and across the arm [m], rotation [rad]
   std::vector<Eigen::VectorXd> shapes;  ///< twists of captures, if shapes are free

@@ -66,7 +66,7 @@ CaptureState stateAt(Shared& shared, const Place& place, ReadingKind kind, const
   const model::Shape& shape = state.shape.shape;
   const lie::Vector6 base = values.own_blocks.at(ParameterBlock::kBase);
   state.corners =
-      shared.arms[place.arm].layout.corners(values.own_blocks.at(ParameterBlock::kBleed)[0]);
+      shared.arms[place.arm].layout.corners(values.own_blocks.at(ParameterBlock::kBorderShift)[0]);
   lie::SE3 X_B0j = lie::SE3::exp(base);
   const int pieces = static_cast<int>(shape.pieces().cols());
   for (int j = 0; j < pieces; ++j) {

@@ -106,14 +106,14 @@ inline Place placeAt(const Shared& shared, int arm, int capture, const Eigen::Ve
 }
 
 // The shape of a capture and, if the model determines it, its derivatives.
-inline ShapeThere shapeAt(Shared& shared, const Place& place, const Values& values,
-                          bool derivatives) {
+inline LinearisedShape shapeAt(Shared& shared, const Place& place, const Values& values,
+                               bool derivatives) {
   if (shared.selection.free_shapes) {
     model::Twists twists = model::Twists::Zero(6, shared.arms[place.arm].arm.sectionCount());
     for (std::size_t i = 0; i < place.entries.size(); ++i) {
       twists.data()[place.entries[i]] = values.shapes[place.capture][static_cast<Eigen::Index>(i)];
     }
-    ShapeThere shape;
+    LinearisedShape shape;
     shape.shape = shared.expected_shapes[place.capture].about(twists);
     return shape;
   }
@@ -133,8 +133,8 @@ inline ShapeThere shapeAt(Shared& shared, const Place& place, const Values& valu
     return shared.model.at(place.state, lengths, stiffness, shared.scales(), derivatives);
   }
   // The derivatives with respect to each length give those with respect to all that changes it.
-  ShapeThere shape = shared.model.at(place.state, lengths, stiffness,
-                                     static_cast<int>(lengths.size()), derivatives);
+  LinearisedShape shape = shared.model.at(place.state, lengths, stiffness,
+                                          static_cast<int>(lengths.size()), derivatives);
   if (!derivatives) return shape;
   const Eigen::MatrixXd by_unscaled = shape.by_scale * unscaled.cwiseInverse().asDiagonal();
   if (has_strokes) shape.by_stroke = by_unscaled * change.asDiagonal();
@@ -153,17 +153,17 @@ inline ShapeThere shapeAt(Shared& shared, const Place& place, const Values& valu
 
 // State that all readings of a capture share at given values of the parameters.
 struct CaptureState {
-  ShapeThere shape;
+  LinearisedShape shape;
   // The rest is for readings of tags.
   Corners corners;
   std::vector<lie::SE3> starts;  // X_B0j of the pieces
   // With derivatives: motion of the whole arm with the base, and beyond each piece with its twist.
-  std::vector<Mover> base, whole;
+  std::vector<PointJacobian> base, whole;
 };
 
 // Columns of a term: where the derivatives with respect to each parameter block begin, or -1.
 struct TermColumns {
-  int stiffness = -1, scale = -1, stroke = -1, curve = -1, shape = -1, base = -1, bleed = -1,
+  int stiffness = -1, scale = -1, stroke = -1, curve = -1, shape = -1, base = -1, border_shift = -1,
       tag = -1;
   int count = 0;
 };
@@ -191,7 +191,7 @@ class ReadingCost {
     take(ParameterBlock::kCurve, static_cast<int>(place_.by_curve.cols()), columns_.curve);
     take(ParameterBlock::kShape, static_cast<int>(place_.entries.size()), columns_.shape);
     takeOfRig(ParameterBlock::kBase, 6, columns_.base);
-    takeOfRig(ParameterBlock::kBleed, 1, columns_.bleed);
+    takeOfRig(ParameterBlock::kBorderShift, 1, columns_.border_shift);
     takeOfRig(ParameterBlock::kTag, 6, columns_.tag);
   }
   virtual ~ReadingCost() = default;
@@ -234,7 +234,7 @@ class ReadingCost {
 
   // Converts derivatives with respect to the pieces' twists to derivatives with respect to the
   // parameter blocks. Uses as many rows as there are residuals.
-  void passOn(const Eigen::MatrixXd& by_pieces, const ShapeThere& shape, Jacobian& J) const {
+  void passOn(const Eigen::MatrixXd& by_pieces, const LinearisedShape& shape, Jacobian& J) const {
     const auto block = [&](int first, const Eigen::MatrixXd& derivatives) {
       if (first < 0) return;
       J.middleCols(first, derivatives.cols()).noalias() =
@@ -361,7 +361,7 @@ class TagCost final : public ReadingCost {
     by_pieces.setZero(Rows::kCount, pieces.size());
     for (int j = 0; j < pose.place.piece; ++j) state.whole[j].fill(rows, 6 * j, by_pieces);
     const int own = pose.place.piece;
-    Mover(state.starts[own], pieces.col(own), pose.place.s).fill(rows, 6 * own, by_pieces);
+    PointJacobian(state.starts[own], pieces.col(own), pose.place.s).fill(rows, 6 * own, by_pieces);
     passOn(by_pieces, state.shape, out);
     if (columns_.base >= 0) {
       ByMotion moved;
@@ -369,7 +369,7 @@ class TagCost final : public ReadingCost {
       out.template middleCols<6>(columns_.base) = moved.topRows(m);
     }
     if constexpr (Model::kBleeds) {
-      if (columns_.bleed >= 0) out.col(columns_.bleed) = rows.by_bleed;
+      if (columns_.border_shift >= 0) out.col(columns_.border_shift) = rows.by_border_shift;
     }
     if (columns_.tag >= 0) {
       out.template middleCols<6>(columns_.tag) =
@@ -395,7 +395,7 @@ class TagCost final : public ReadingCost {
  private:
   static std::set<ParameterBlock> rigOf(bool takes_tag) {
     std::set<ParameterBlock> rig{ParameterBlock::kBase};
-    if (Model::kBleeds) rig.insert(ParameterBlock::kBleed);
+    if (Model::kBleeds) rig.insert(ParameterBlock::kBorderShift);
     if (takes_tag) rig.insert(ParameterBlock::kTag);
     return rig;
   }
@@ -426,7 +426,7 @@ class TagCost final : public ReadingCost {
     const TagPlacement& tag = placement();
     const lie::Vector6& placed = values.tags[seen_.tag];
     ByMotion out, moved;
-    Mover(pose.X_B0S).fill(rows, 0, moved);
+    PointJacobian(pose.X_B0S).fill(rows, 0, moved);
     const double s = tag.s + placed[0] / rest_length_;
     if (s == pose.s) {
       const double per_length = shape.piecesPerSection() / rest_length_;

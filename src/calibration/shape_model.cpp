@@ -162,7 +162,7 @@ std::vector<ArmCaptures> statesOf(const std::vector<ArmCaptures>& arms) {
   for (const ArmCaptures& arm : arms) out.push_back(arm.under(std::nullopt));
   for (const ArmCaptures& arm : arms) {
     for (const Capture& capture : arm.captures) {
-      if (capture.hung) out.push_back(arm.under(capture.hung));
+      if (capture.payload) out.push_back(arm.under(capture.payload));
     }
   }
   return out;
@@ -170,7 +170,7 @@ std::vector<ArmCaptures> statesOf(const std::vector<ArmCaptures>& arms) {
 
 ShapeModel::ShapeModel(const std::vector<ArmCaptures>& arms,
                        const std::vector<StiffnessEntry>& fitted)
-    : arms_(arms), fitted_(fitted), there_(arms.size()) {
+    : arms_(arms), fitted_(fitted), points_(arms.size()) {
   const ArmCaptures& first = arms.front();
   initial_.ratios = first.arm.actuator(0).stiffness;
   const auto loaded =
@@ -195,12 +195,12 @@ Elasticity ShapeModel::elasticityAt(const double* logs, Elasticity elasticity) c
   return elasticity;
 }
 
-ShapeThere ShapeModel::at(int a, const Eigen::VectorXd& lengths, const double* logs, int scales,
-                          bool derivatives) {
+LinearisedShape ShapeModel::at(int a, const Eigen::VectorXd& lengths, const double* logs,
+                               int scales, bool derivatives) {
   update(logs, derivatives);
-  const There& arm = there_[a];
+  const LinearisationPoint& arm = points_[a];
   const statics::Solution solution = arm.at->model.solveLengths(lengths);
-  ShapeThere out;
+  LinearisedShape out;
   out.shape = solution.shape;
   out.found = solution.converged() && !arm.at->too_steep;
   if (!derivatives) return out;
@@ -214,8 +214,8 @@ ShapeThere ShapeModel::at(int a, const Eigen::VectorXd& lengths, const double* l
   return out;
 }
 
-void ShapeModel::takeDifferences(const There& arm, const Eigen::VectorXd& lengths,
-                                 ShapeThere& out) const {
+void ShapeModel::takeDifferences(const LinearisationPoint& arm, const Eigen::VectorXd& lengths,
+                                 LinearisedShape& out) const {
   const auto found = [&out](const Statics& statics, const Eigen::VectorXd& l) {
     const statics::Solution solution = statics.model.solveLengths(l);
     out.found &= solution.converged() && !statics.too_steep;
@@ -236,7 +236,7 @@ void ShapeModel::takeDifferences(const There& arm, const Eigen::VectorXd& length
 }
 
 void ShapeModel::differentiate(const model::Arm& arm, const Eigen::VectorXd& lengths,
-                               ShapeThere& out) const {
+                               LinearisedShape& out) const {
   using Change = statics::ActuatorChange<lie::SE3>;
   const Change change(arm, nullptr, lengths, Change::By::kLengthsAndStiffness);
   const int pieces = arm.piecesPerSection();
@@ -299,12 +299,12 @@ ShapeModel::Statics ShapeModel::staticsAt(const ArmCaptures& data,
 
 void ShapeModel::update(const double* logs, bool derivatives) {
   const Eigen::VectorXd at = Eigen::Map<const Eigen::VectorXd>(logs, size());
-  const bool known = there_.front().at && at_ == at;
+  const bool known = points_.front().at && at_ == at;
   if (known && (has_changes_ || !derivatives)) return;
   at_ = at;
   has_changes_ = derivatives;
   for (std::size_t a = 0; a < arms_.size(); ++a) {
-    There& arm = there_[a];
+    LinearisationPoint& arm = points_[a];
     if (!known) arm.at.emplace(staticsAt(arms_[a], at));
     arm.above.clear();
     arm.below.clear();

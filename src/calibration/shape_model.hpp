@@ -21,7 +21,7 @@ double& entryOf(Elasticity& elasticity, StiffnessEntry entry);
 std::vector<ArmCaptures> statesOf(const std::vector<ArmCaptures>& arms);
 
 /// A shape and the derivatives of its pieces with respect to the parameters.
-struct ShapeThere {
+struct LinearisedShape {
   model::Shape shape;
   Eigen::MatrixXd by_stiffness, by_scale;  ///< (6 pieces x entries), with respect to logarithms
   // Filled by those who fit them: (6 pieces x actuators), (6 pieces x numbers of a FreeCurve).
@@ -47,8 +47,8 @@ class ShapeModel {
 
   // Shape of arm `a` at these lengths and, if requested, its derivatives with respect to the
   // logarithms of the stiffness and of factors on the lengths: none, one for all, or one each.
-  ShapeThere at(int a, const Eigen::VectorXd& lengths, const double* logs, int scales = 0,
-                bool derivatives = false);
+  LinearisedShape at(int a, const Eigen::VectorXd& lengths, const double* logs, int scales = 0,
+                     bool derivatives = false);
 
  private:
   struct Statics {
@@ -56,7 +56,7 @@ class ShapeModel {
     bool too_steep;  // a taper, for this stiffness
   };
   // An arm at the logs and, under load, one step to either side of them.
-  struct There {
+  struct LinearisationPoint {
     std::optional<Statics> at;
     std::vector<Statics> above, below;  // [entry]
   };
@@ -66,15 +66,17 @@ class ShapeModel {
   Statics staticsAt(const ArmCaptures& data, const Eigen::VectorXd& logs) const;
   void update(const double* logs, bool derivatives);
   // Fill the derivatives of a shape, whose sizes are set, without load and under load.
-  void differentiate(const model::Arm& arm, const Eigen::VectorXd& lengths, ShapeThere& out) const;
-  void takeDifferences(const There& arm, const Eigen::VectorXd& lengths, ShapeThere& out) const;
+  void differentiate(const model::Arm& arm, const Eigen::VectorXd& lengths,
+                     LinearisedShape& out) const;
+  void takeDifferences(const LinearisationPoint& arm, const Eigen::VectorXd& lengths,
+                       LinearisedShape& out) const;
 
   const std::vector<ArmCaptures>& arms_;
   const std::vector<StiffnessEntry> fitted_;
   Elasticity initial_, reference_;
   Eigen::VectorXd at_;
   bool has_changes_ = false;
-  std::vector<There> there_;  // [arm]
+  std::vector<LinearisationPoint> points_;  // [arm]
 };
 
 // Cholesky factors of symmetric matrices of some hundred columns, in the vector instructions of

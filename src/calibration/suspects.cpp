@@ -53,7 +53,7 @@ constexpr int kMostIterations = 30;
 // A number that is fitted has to pay for itself: of two suspects that explain as much, the simpler
 // one comes first.
 constexpr double kPriceOfNumber = 0.03;
-constexpr double kMostBleed = 4.0;  // in standard deviations of its prior
+constexpr double kMostBorderShift = 4.0;  // in standard deviations of its prior
 // Deviations beyond those of a sound arm that no good fit has.
 constexpr double kFar = 5.0;
 // Mean square of captures that cannot be fitted at all.
@@ -92,9 +92,9 @@ double turnOf(const lie::SE3& pose) { return pose.log().tail<3>().norm(); }
 double trimmedSquare(int residuals) { return 1 - 0.38 * std::pow(residuals, -0.55); }
 
 struct Square {
-  double mean;         // in expected variances, without the share that may be wrong: 1 for noise
-  int residuals;       // in all
-  double bleed = 0;    // [m]
+  double mean;    // in expected variances, without the share that may be wrong: 1 for noise
+  int residuals;  // in all
+  double border_shift = 0;  // [m]
   double moved = 0;    // half the square of the base's motion, in deviations of a rig that moved
   double usual = 1;    // mean square of a sound arm, if asked for
   lie::SE3 base = {};  // from where the scene has it
@@ -127,10 +127,10 @@ std::vector<ArmCaptures> fewOf(std::vector<ArmCaptures> arms) {
 }
 
 // Fits the requested parameters; nothing if no fit is possible.
-class Misfit {
+class Residual {
  public:
   // @param rough  ends each fit once its noise is known.
-  Misfit(const CalibrationOptions& options, const std::function<bool()>& stop, bool rough)
+  Residual(const CalibrationOptions& options, const std::function<bool()>& stop, bool rough)
       : options_(options), stop_(stop), rough_(rough) {
     options_.errors = options_.held_out = false;
   }
@@ -186,9 +186,9 @@ class Misfit {
     const double far = base.translation.norm() / kFarBase;
     const double turned = turnOf(base) / kFarBaseTurn;
     const double scale = usual ? usualScale(read, options, problem) : 1.0;
-    const double bleed = problem.values().own_blocks.at(ParameterBlock::kBleed)[0];
+    const double border_shift = problem.values().own_blocks.at(ParameterBlock::kBorderShift)[0];
     const double moved = 0.5 * (far * far + turned * turned);
-    Square out{mean, residuals, bleed, moved, scale * scale, base};
+    Square out{mean, residuals, border_shift, moved, scale * scale, base};
     for (auto& [tag, all] : by_tag) out.of_tag[tag] = basics::medianOf(std::move(all));
     return out;
   }
@@ -632,32 +632,32 @@ std::vector<Trial> trialsFor(const ArmCaptures& arm, const CalibrationOptions& o
   return trials;
 }
 
-// A trial of some size, and its misfit.
+// A trial of some size, and its residual.
 struct Found {
-  double size = 0, misfit = 0, price = 1;
+  double size = 0, residual = 0, price = 1;
   const Trial* trial = nullptr;
 };
 
 // Nothing if it cannot be fitted.
 std::optional<Found> tried(const Trial& trial, double size, const std::vector<ArmCaptures>& arms,
-                           const Misfit& misfit) {
-  Case one{arms, misfit.options()};
+                           const Residual& residual) {
+  Case one{arms, residual.options()};
   trial.correct(size, one);
-  const std::optional<Square> square = misfit.of(one, trial.sizes.size() > 1);
+  const std::optional<Square> square = residual.of(one, trial.sizes.size() > 1);
   if (!square) return std::nullopt;
   return Found{size, square->mean, 1 + kPriceOfNumber * (trial.numbers + square->moved), &trial};
 }
 
 // At its best size.
 std::optional<Found> best(const Trial& trial, const std::vector<ArmCaptures>& arms,
-                          const Misfit& misfit) {
+                          const Residual& residual) {
   std::map<double, Found> known;
   const auto at = [&](double size) {
-    if (const auto found = tried(trial, size, arms, misfit)) known.emplace(size, *found);
+    if (const auto found = tried(trial, size, arms, residual)) known.emplace(size, *found);
   };
   const auto least = [&] {
     return std::min_element(known.begin(), known.end(), [](const auto& a, const auto& b) {
-      return a.second.misfit < b.second.misfit;
+      return a.second.residual < b.second.residual;
     });
   };
   for (const double size : trial.sizes) at(size);
@@ -674,11 +674,11 @@ std::optional<Found> best(const Trial& trial, const std::vector<ArmCaptures>& ar
 
 // The best trials, the best one first: all with some captures, then these with all.
 std::vector<Found> bestOf(const std::vector<Trial>& trials, const std::vector<ArmCaptures>& read,
-                          const Misfit& rough, const Misfit& misfit) {
+                          const Residual& rough, const Residual& residual) {
   std::vector<Found> found, out;
   const auto sort = [](std::vector<Found>& all) {
     std::stable_sort(all.begin(), all.end(), [](const Found& a, const Found& b) {
-      return a.price * a.misfit < b.price * b.misfit;
+      return a.price * a.residual < b.price * b.residual;
     });
   };
   const bool corners = kindOf(firstReading(read)) == ReadingKind::kCorners;
@@ -689,7 +689,7 @@ std::vector<Found> bestOf(const std::vector<Trial>& trials, const std::vector<Ar
   sort(found);
   for (const Found& one : found) {
     if (out.size() == kFinalists) break;
-    if (const auto all = tried(*one.trial, one.size, read, misfit)) out.push_back(*all);
+    if (const auto all = tried(*one.trial, one.size, read, residual)) out.push_back(*all);
   }
   sort(out);
   return out;
@@ -716,9 +716,9 @@ struct Evidence {
 
 // The suspect of a trial that explains so much; nothing if its fit shows no mistake.
 std::optional<Suspect> shown(const Found& one, double explains, const Evidence& evidence,
-                             const Misfit& misfit) {
+                             const Residual& residual) {
   const Trial& trial = *one.trial;
-  Case corrected{evidence.read, misfit.options()};
+  Case corrected{evidence.read, residual.options()};
   trial.correct(one.size, corrected);
   clampPressures(corrected.arms);
   const Calibration fit = calibrate(corrected.arms, corrected.options);
@@ -735,26 +735,26 @@ std::optional<Suspect> shown(const Found& one, double explains, const Evidence& 
 }
 
 // The suspect of a trial; nothing if it explains too little, or is too small for a mistake.
-std::optional<Suspect> named(const Found& one, const Evidence& evidence, const Misfit& misfit) {
+std::optional<Suspect> named(const Found& one, const Evidence& evidence, const Residual& residual) {
   const Trial& trial = *one.trial;
   const Square& before = evidence.before;
   if (std::abs(one.size - trial.neutral) < trial.least) return std::nullopt;
-  const double lowered = one.price * one.misfit / before.mean;
+  const double lowered = one.price * one.residual / before.mean;
   const double gain = -0.5 * before.residuals * std::log(lowered);
   // Pressures outside the limits are wrong, however little that shows.
-  const double most = !evidence.inside        ? kLoweredInside
-                      : one.misfit < kAsNoise ? kLowered
-                                              : kLoweredFar;
+  const double most = !evidence.inside          ? kLoweredInside
+                      : one.residual < kAsNoise ? kLowered
+                                                : kLoweredFar;
   if (lowered > most || (evidence.inside && gain < kLeastGain)) return std::nullopt;
-  const double beyond = before.mean - std::min(1.0, one.misfit);
-  const double explains = beyond > 0 ? (before.mean - one.misfit) / beyond : 0;
+  const double beyond = before.mean - std::min(1.0, one.residual);
+  const double explains = beyond > 0 ? (before.mean - one.residual) / beyond : 0;
   if (explains < (evidence.inside ? kLeastShare : kLeastShareInside)) return std::nullopt;
-  return shown(one, explains, evidence, misfit);
+  return shown(one, explains, evidence, residual);
 }
 
 // Tags that are turned alone, which the mean square leaves out: no capture fits them until they
 // are.
-std::vector<Suspect> turnedAlone(const Evidence& evidence, const Misfit& misfit) {
+std::vector<Suspect> turnedAlone(const Evidence& evidence, const Residual& residual) {
   constexpr std::size_t kMost = 3;
   const ArmCaptures& arm = evidence.read.front();
   const double far = kFar * kFar * evidence.before.usual;
@@ -768,13 +768,13 @@ std::vector<Suspect> turnedAlone(const Evidence& evidence, const Misfit& misfit)
     std::vector<Trial> trials;
     addTurnsOf(rowOf(arm.layout, {tag}), arm.layout, trials);
     for (const Trial& trial : trials) {
-      Case one{evidence.read, misfit.options()};
+      Case one{evidence.read, residual.options()};
       trial.correct(0, one);
-      const std::optional<Square> after = misfit.of(one);
+      const std::optional<Square> after = residual.of(one);
       if (!after || after->of_tag.at(tag) > far) continue;
       const double before = evidence.before.of_tag.at(tag), left = after->of_tag.at(tag);
       const double explains = (before - left) / (before - std::min(1.0, left));
-      if (auto suspect = shown({0, after->mean, 1, &trial}, explains, evidence, misfit)) {
+      if (auto suspect = shown({0, after->mean, 1, &trial}, explains, evidence, residual)) {
         out.push_back(*suspect);
       }
     }
@@ -784,14 +784,14 @@ std::vector<Suspect> turnedAlone(const Evidence& evidence, const Misfit& misfit)
 
 // The suspects of all trials, the best first.
 std::vector<Suspect> namedOf(const std::vector<Found>& found, const Evidence& evidence,
-                             const Misfit& misfit) {
+                             const Residual& residual) {
   std::vector<Suspect> out;
   double least = evidence.inside ? evidence.before.mean : 0.0;
   for (const Found& one : found) {
-    if (misfit.stopped()) return {};
+    if (residual.stopped()) return {};
     if (out.size() == kMostNamed) break;
-    if (std::optional<Suspect> suspect = named(one, evidence, misfit)) {
-      least = std::min(least, one.misfit);
+    if (std::optional<Suspect> suspect = named(one, evidence, residual)) {
+      least = std::min(least, one.residual);
       out.push_back(*suspect);
     }
   }
@@ -823,9 +823,9 @@ std::vector<Suspect> suspectsOf(const std::vector<ArmCaptures>& arms,
   if (read.empty() || read.front().captures.empty()) return {};
   const std::optional<bool> outside = isOutside(read);
   if (!outside) return {};
-  Misfit misfit(options, stop, false);
-  Case given{read, misfit.options()};
-  const std::optional<Square> fitted = misfit.of(given, true, true);
+  Residual residual(options, stop, false);
+  Case given{read, residual.options()};
+  const std::optional<Square> fitted = residual.of(given, true, true);
   // Data that cannot be fitted for another reason than its pressures has no suspects.
   if (!fitted && !*outside) return {};
   Evidence evidence{read, fitted.value_or(Square{kNoFit, static_cast<int>(kNoFit)}),
@@ -833,19 +833,20 @@ std::vector<Suspect> suspectsOf(const std::vector<ArmCaptures>& arms,
   // A wrong tag size is taken up by the bleeding, and a tag that is glued otherwise by its
   // placement, as far as they are fitted.
   const bool placed = options.tags && evidence.before.mean > kFar * kFar;
-  if (placed || std::abs(evidence.before.bleed) > kMostBleed * options.bleed_prior) {
-    given.options.bleed = false;
+  if (placed ||
+      std::abs(evidence.before.border_shift) > kMostBorderShift * options.border_shift_prior) {
+    given.options.border_shift = false;
     given.options.tags = options.tags && !placed;
     given.options.base = options.base || (placed && options.free_shapes);
-    misfit = Misfit(given.options, stop, false);
-    evidence.before = misfit.of(given, true, true).value_or(evidence.before);
+    residual = Residual(given.options, stop, false);
+    evidence.before = residual.of(given, true, true).value_or(evidence.before);
   }
-  const auto alone = [&] { return turnedAlone(evidence, misfit); };
+  const auto alone = [&] { return turnedAlone(evidence, residual); };
   if (evidence.inside && evidence.before.mean < kAsNoise) return alone();
   const std::vector<Trial> trials = trialsFor(read.front(), options, kindOf(firstReading(read)));
   const std::vector<Found> found =
-      bestOf(trials, read, Misfit(misfit.options(), stop, true), misfit);
-  std::vector<Suspect> out = namedOf(found, evidence, misfit);
+      bestOf(trials, read, Residual(residual.options(), stop, true), residual);
+  std::vector<Suspect> out = namedOf(found, evidence, residual);
   return out.empty() ? alone() : out;
 }
 

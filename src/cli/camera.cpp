@@ -410,7 +410,7 @@ json reportOf(const Placed& result) {
   out["covariance"] = rowsJson(placing.covariance);
   out["moved_m"] = placing.moved;
   out["turned_rad"] = placing.turned;
-  out["bleed_m"] = placing.fit.bleed;
+  out["bleed_m"] = placing.fit.border_shift;
   out["rms_px"] = placing.fit.rms;
   out["shape_deviations"] = placing.fit.shape_deviations;
   return out;

@@ -45,7 +45,7 @@ json suspicionsOf(const estimation::TwistFit& fit, const estimation::TwistFitOpt
           "widen vision.base_prior");
   }
   if (options.free_bleed) {
-    judge("bleed_m", std::abs(fit.bleed) / options.bleed_prior,
+    judge("bleed_m", std::abs(fit.border_shift) / options.border_shift_prior,
           "check tags.size_m (`helix_arm tags` prints over which edge) and the exposure, or widen "
           "vision.bleed_prior_m");
   }
@@ -182,7 +182,7 @@ class Locator {
     located["tip"] = toJson(measuredTip(fit));
     located["tip_covariance"] = rowsJson(fit.tip_covariance);
     if (options.free_base) located["base"] = toJson(fit.X_B0B);
-    if (options.free_bleed) located["bleed_m"] = fit.bleed;
+    if (options.free_bleed) located["bleed_m"] = fit.border_shift;
     return located;
   }
 

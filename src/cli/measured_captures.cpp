@@ -110,7 +110,7 @@ std::vector<FittedCapture> fitCaptures(const io::Scene& scene, const io::DataSet
            " has no tags; expected a scene with a section tags");
   requirePressureDriven(scene);
   estimation::TwistFitter fitter(*scene.tags, scene.arm.sectionCount(), scene.vision.fit);
-  const std::map<int, statics::PointLoad> hung = procedures::hungOf(scene, data);
+  const std::map<int, statics::PointLoad> payload = procedures::payloadsOf(scene, data);
   std::vector<FittedCapture> captures;
   for (const io::TagPoseCapture& measured :
        io::loadTagPoses(data, scene.arm.actuatorCount(), scene.X_BF)) {
@@ -126,9 +126,9 @@ std::vector<FittedCapture> fitCaptures(const io::Scene& scene, const io::DataSet
       }
     }
     const Eigen::VectorXd pressure = scene.arm.clamped(measured.pressure);
-    const auto load = hung.find(measured.number);
+    const auto load = payload.find(measured.number);
     capture.model = procedures::modelUnder(
-                        scene, load == hung.end() ? std::nullopt : std::optional(load->second))
+                        scene, load == payload.end() ? std::nullopt : std::optional(load->second))
                         .solve(pressure);
     const model::Shape start = statics::startingShape(scene.model, capture.model, pressure);
     take(scene, fitter.fitCold(capture.seen, start), capture);
@@ -149,7 +149,7 @@ std::vector<FittedCapture> fitCorners(const io::Scene& scene, const io::DataSet&
     capture.number = measured.number;
     capture.pressure = measured.pressure;
     capture.unknown_tags = read.unknownIds();
-    capture.model = procedures::modelUnder(scene, measured.hung).solve(measured.pressure);
+    capture.model = procedures::modelUnder(scene, measured.payload).solve(measured.pressure);
     const auto& seen = std::get<std::vector<estimation::CornerObservation>>(measured.reading);
     const estimation::TwistFit& fit =
         fitter.fitCold(seen, scene.X_CB(), scene.camera->model.focal(),

@@ -10,7 +10,7 @@
 #include "helix_arm/follow/visual_servo_config.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/tracking/arm_filter.hpp"
-#include "helix_arm/tracking/load_forks.hpp"
+#include "helix_arm/tracking/onset_hypotheses.hpp"
 #include "helix_arm/tracking/tip_compliance.hpp"
 #include "response_tracker.hpp"
 
@@ -40,10 +40,10 @@ class ContactWatch {
         placed_(config.placed),
         compliance_(placed_ ? estimation::TipCompliance(model, placed_->view, placed_->fit)
                             : estimation::TipCompliance(model)),
-        forks_(config.contact) {}
+        onsets_(config.contact) {}
 
   /// Gives the watch a picture. @param tags  indices of the fitted tags; nothing if unknown.
-  /// @param settled  as for LoadForks::see().
+  /// @param settled  as for OnsetHypotheses::see().
   /// @param swing  what the known mode adds at most to each of the watch's rows.
   /// @param possible  likewise one that is not known yet.
   void see(estimation::ArmFilter::Input picture, const std::optional<std::vector<int>>& tags,
@@ -70,21 +70,21 @@ class ContactWatch {
     const double motion =
         std::hypot(tipMotion(watch.lastStep()->swing.cwiseAbs()), tipMotion(swing + possible)) /
         kStillTip;
-    forks_.see(picture.time, largestDeviation(tip), measured, settled, motion, watch, compliance_);
+    onsets_.see(picture.time, largestDeviation(tip), measured, settled, motion, watch, compliance_);
   }
 
   /// Forgets the pictures.
   void reset() {
-    forks_.reset();
+    onsets_.reset();
     usual_tags_.reset();
     unusual_ = 0;
   }
 
   /// Whether loads are not looked for, nor drifts. @return whether that is new.
   bool distrust(bool distrusts) { return std::exchange(distrusts_, distrusts) != distrusts; }
-  estimation::LoadForks& forks() { return forks_; }
-  const estimation::ExternalLoad& load() const { return forks_.load(); }
-  const estimation::Drift& drift() const { return forks_.drift(); }
+  estimation::OnsetHypotheses& onsets() { return onsets_; }
+  const estimation::ExternalLoad& load() const { return onsets_.load(); }
+  const estimation::Drift& drift() const { return onsets_.drift(); }
 
  private:
   // The inertia of a swing shears and stretches the arm as a force at its tip that bends it so.
@@ -121,7 +121,7 @@ class ContactWatch {
       picture.covariance += kUsual * *difference;
       return;
     }
-    forks_.growBias((*difference)(watch.rows(), watch.rows()), watch);
+    onsets_.growBias((*difference)(watch.rows(), watch.rows()), watch);
     usual_tags_ = tags;
     unusual_ = 0;
   }
@@ -129,7 +129,7 @@ class ContactWatch {
   const model::Arm arm_;
   const std::optional<estimation::PlacedView> placed_;
   estimation::TipCompliance compliance_;
-  estimation::LoadForks forks_;
+  estimation::OnsetHypotheses onsets_;
   Eigen::MatrixXd by_force_;  // (d x 3) change of the watch's rows with a force at the tip [1/N]
   Eigen::MatrixXd inertia_, inertia_noise_;  // (d x 3) [1], (d x d)
   // The tags whose error by placements is part of the watch's bias.

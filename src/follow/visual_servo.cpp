@@ -486,7 +486,7 @@ void VisualServo::reset() {
 }
 
 void VisualServo::setOnContact(OnContact reaction) { work_->on_contact = reaction; }
-void VisualServo::ignoreContacts(bool ignores) { work_->contact.forks().ignoreContacts(ignores); }
+void VisualServo::ignoreContacts(bool ignores) { work_->contact.onsets().ignoreContacts(ignores); }
 void VisualServo::distrustModel(bool distrusts) {
   if (work_->contact.distrust(distrusts) && distrusts) work_->forgetContact();
 }
@@ -616,7 +616,7 @@ bool VisualServo::sees() const {
          work_->observer.time() - work_->accepted_at[0] <= work_->config.coast_time;
 }
 const estimation::ExternalLoad& VisualServo::load() const { return work_->contact.load(); }
-const estimation::QuietScore& VisualServo::quiet() const { return work_->contact.forks().quiet(); }
+const estimation::QuietScore& VisualServo::quiet() const { return work_->contact.onsets().quiet(); }
 const estimation::Drift& VisualServo::drift() const { return work_->contact.drift(); }
 std::optional<double> VisualServo::error() const { return work_->error; }
 double VisualServo::tipDeviation() const { return work_->tip_deviation; }

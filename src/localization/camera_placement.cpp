@@ -39,12 +39,12 @@ struct LooseCorners : CornerModel {
     rows.residual = (whitening * rows.residual).eval();
     rows.by_v = (whitening * rows.by_v).eval();
     rows.by_w = (whitening * rows.by_w).eval();
-    rows.by_bleed = (whitening * rows.by_bleed).eval();
+    rows.by_border_shift = (whitening * rows.by_border_shift).eval();
     return true;
   }
 };
 
-// The search for twists, base and bleed, of basics::descend().
+// The search for twists, base and border shift, of basics::descend().
 class PlacementProblem {
  public:
   PlacementProblem(const model::Arm& arm, const TagLayout& layout, const model::Shape& shape,
@@ -127,7 +127,7 @@ class PlacementProblem {
     }
     out.rms = tags > 0 ? std::sqrt(fitted / tags) : 0;
     out.X_CB = corners_.X_CB0 * at.X_B0B;
-    out.bleed = at.bleed;
+    out.border_shift = at.border_shift;
     out.twists = at.twists;
     out.shape_deviations = equations_.deviationsOf(at).cwiseAbs().maxCoeff();
     // Every other parameter has a prior, so that it counts on both sides.
@@ -151,14 +151,15 @@ class PlacementProblem {
     fit.robust_scale = options.robust_scale;
     fit.free_base = fit.free_bleed = true;
     fit.base_prior = kAnyBase;
-    fit.bleed_prior = options.bleed_prior;
+    fit.border_shift_prior = options.border_shift_prior;
     return fit;
   }
 
   bool rowsOf(const CornerObservation& seen, const FitPoint& at, CornerModel::Rows& rows) const {
     const TagPlacement& tag = equations_.layout().tags[static_cast<std::size_t>(seen.tag)];
     const lie::SE3 X_B0T = at.X_B0B * model::poseAt(at.shape, tag.section, tag.s) * tag.X_ST;
-    return corners_.CornerModel::evaluate(seen, X_B0T, equations_.layout().corners(at.bleed), rows);
+    return corners_.CornerModel::evaluate(seen, X_B0T, equations_.layout().corners(at.border_shift),
+                                          rows);
   }
 
   std::pair<FitPoint, NormalEquations> evaluated(FitPoint at) const {
@@ -183,7 +184,7 @@ void CameraPlacementOptions::validate() const {
                            {"the prior of the tags' rotations [rad]", tag_prior.rotation},
                            {"the prior of the twists' v", shape_prior.translation},
                            {"the prior of the twists' w [rad]", shape_prior.rotation},
-                           {"the prior of the bleed [m]", bleed_prior},
+                           {"the prior of the bleed [m]", border_shift_prior},
                            {"the robust threshold", robust_scale}});
   basics::requireValue(max_iterations > 0, kCulprit, "the number of iterations", max_iterations,
                        "a value > 0");

@@ -119,7 +119,7 @@ std::optional<RigEstimate::Matrix> rigByPlacements(const PlacedView& placed, con
   free.deviations.base.setZero();
   free.fit.base_prior.translation *= kWide;
   free.fit.base_prior.rotation *= kWide;
-  free.fit.bleed_prior *= kWide;
+  free.fit.border_shift_prior *= kWide;
   const auto errors = errorsOfFit(free, arm, shape, tags);
   if (!errors) return std::nullopt;
   RigEstimate::Matrix out = RigEstimate::Matrix::Zero();

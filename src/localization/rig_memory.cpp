@@ -54,7 +54,7 @@ RigMemory::RigMemory(const TwistFitOptions& options, const Matrix& by_placements
 TwistFitOptions RigMemory::heldOptions(TwistFitOptions options) {
   options.base_prior.translation *= kSurest;
   options.base_prior.rotation *= kSurest;
-  options.bleed_prior *= kSurest;
+  options.border_shift_prior *= kSurest;
   return options;
 }
 
@@ -94,7 +94,7 @@ void RigMemory::learn(const TwistFit& fit) {
 void RigMemory::conclude() {
   const RigEstimate prior(options_), narrow(heldOptions(options_));
   const Matrix certain = inverseOf(prior.covariance);
-  // Covariance of z as a measurement of base and bleed: (information^-1 + Q)^-1.
+  // Covariance of z as a measurement of base and border shift: (information^-1 + Q)^-1.
   const Matrix damping = Matrix::Identity() + information_ * by_placements_;
   const Eigen::PartialPivLU<Matrix> damped(damping);
   const Matrix measured = damped.solve(information_);

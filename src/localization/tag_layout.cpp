@@ -24,8 +24,8 @@ int TagLayout::baseTag() const {
   return nearest == tags.end() ? -1 : static_cast<int>(nearest - tags.begin());
 }
 
-Corners TagLayout::corners(double bleed) const {
-  const double half = 0.5 * size - bleed;
+Corners TagLayout::corners(double border_shift) const {
+  const double half = 0.5 * size - border_shift;
   Corners out;
   out << -half, half, half, -half, -half, -half, half, half;
   return out;

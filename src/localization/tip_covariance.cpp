@@ -35,15 +35,15 @@ Eigen::Matrix3d tipCovarianceOf(const lie::SE3& X_B0B, const model::Shape& shape
   J.setZero();
   lie::SE3 X_B0j = X_B0B;
   for (int k = 0; k < sections; ++k) {
-    Mover mover = Mover::none();
+    PointJacobian jacobian = PointJacobian::none();
     for (int j = k * per_section; j < (k + 1) * per_section; ++j) {
-      mover += Mover(X_B0j, shape.pieces().col(j), 1.0);
+      jacobian += PointJacobian(X_B0j, shape.pieces().col(j), 1.0);
       X_B0j = shape.beyond(X_B0j, j);
     }
-    mover *= 1.0 / per_section;
-    mover.fill(rows, 6 * k, J);
+    jacobian *= 1.0 / per_section;
+    jacobian.fill(rows, 6 * k, J);
   }
-  if (free_base) Mover(X_B0B).fill(rows, 6 * sections, J);
+  if (free_base) PointJacobian(X_B0B).fill(rows, 6 * sections, J);
   Eigen::Matrix3d out = Eigen::Matrix3d::Zero();
   for (int column = 0; column < size; ++column) {
     const Eigen::Vector3d moved = J.lazyProduct(covariance.col(column));

@@ -113,22 +113,24 @@ bool determined(const TwistEquations& equations,
   return true;
 }
 
-/// Fills in what is known of base and bleed after a fit with this covariance of its parameters.
+/// Fills in what is known of base and border shift after a fit with this covariance of its
+/// parameters.
 void reportRig(const TwistEquations& equations, const FitPoint& at,
                const Eigen::Ref<const Eigen::MatrixXd>& covariance, TwistFit& result) {
   const int twists = 6 * equations.sections();
-  const bool base = equations.options().free_base, bleed = covariance.cols() > twists + 6 * base;
+  const bool base = equations.options().free_base,
+             border_shift = covariance.cols() > twists + 6 * base;
   // Rows of the parameters in the order of the estimate; a step multiplies X_B0B from the right.
   RigEstimate::Matrix by_step = RigEstimate::Matrix::Identity();
   by_step.topLeftCorner<6, 6>() = lie::SE3::rightJacobianInverse(at.base_offset);
   result.rig = equations.rig();
   RigEstimate::Matrix fitted = RigEstimate::Matrix::Zero();
-  const int first = base ? 0 : 6, count = (base ? 6 : 0) + (bleed ? 1 : 0);
+  const int first = base ? 0 : 6, count = (base ? 6 : 0) + (border_shift ? 1 : 0);
   if (count == 0) return;
   fitted.block(first, first, count, count) = covariance.block(twists, twists, count, count);
   const RigEstimate::Matrix moved = by_step * fitted * by_step.transpose();
   if (base) result.rig.mean.head<6>() = at.base_offset;
-  if (bleed) result.rig.mean[6] = at.bleed;
+  if (border_shift) result.rig.mean[6] = at.border_shift;
   for (int i = first; i < first + count; ++i) {
     result.rig.covariance.row(i).setZero();
     result.rig.covariance.col(i).setZero();
@@ -178,7 +180,7 @@ double TwistEquations::addPriors(const FitPoint& point, bool bleeds,
     const RigEstimate::Matrix& information = bleeds ? both_information_ : base_information_;
     RigEstimate::Vector residual = -rig_.mean;
     residual.head<kBaseParameters>() += point.base_offset;
-    residual[kBaseParameters] = bleeds ? residual[kBaseParameters] + point.bleed : 0.0;
+    residual[kBaseParameters] = bleeds ? residual[kBaseParameters] + point.border_shift : 0.0;
     RigEstimate::Matrix rows = RigEstimate::Matrix::Identity();
     rows.topLeftCorner<kBaseParameters, kBaseParameters>() =
         lie::SE3::rightJacobianInverse(point.base_offset);
@@ -194,7 +196,7 @@ double TwistEquations::addPriors(const FitPoint& point, bool bleeds,
   } else if (bleeds) {
     const int b = bleedColumn();
     const double information = 1 / rig_.covariance(kBaseParameters, kBaseParameters);
-    const double residual = point.bleed - rig_.mean[kBaseParameters];
+    const double residual = point.border_shift - rig_.mean[kBaseParameters];
     cost += information * residual * residual;
     hessian(b, b) += information;
     gradient[b] += information * residual;

@@ -19,13 +19,14 @@
 namespace helix_arm::estimation {
 
 /// Residuals of one tag, in expected standard deviations. A small rigid motion [v; w] of the tag,
-/// about the origin of the nominal base B0, changes them by by_v v + by_w w, bleed by by_bleed.
+/// about the origin of the nominal base B0, changes them by by_v v + by_w w, border shift by
+/// by_bleed.
 template <int kRows>
 struct TagRows {
   static constexpr int kCount = kRows;
   Eigen::Matrix<double, kRows, 1> residual;
   Eigen::Matrix<double, kRows, 3> by_v, by_w;
-  Eigen::Matrix<double, kRows, 1> by_bleed;
+  Eigen::Matrix<double, kRows, 1> by_border_shift;
 };
 
 struct CornerModel {
@@ -69,7 +70,7 @@ struct CornerModel {
         rows.residual[row] = weight * (direction - seen.direction(axis, c));
         rows.by_v.row(row) = n.transpose();
         rows.by_w.row(row) = p.cross(n).transpose();
-        rows.by_bleed[row] = n.dot(inward);
+        rows.by_border_shift[row] = n.dot(inward);
       }
     }
     return true;
@@ -116,28 +117,28 @@ struct PoseModel {
 
 /// Motion of a part of the arm due to a change of a twist, about the origin of B0 and seen from B0:
 /// v = v_by_v dv + v_by_w dw, w = v_by_v dw.
-struct Mover {
+struct PointJacobian {
   Eigen::Matrix3d v_by_v, v_by_w;
 
-  static Mover none() { return {Eigen::Matrix3d::Zero(), Eigen::Matrix3d::Zero()}; }
+  static PointJacobian none() { return {Eigen::Matrix3d::Zero(), Eigen::Matrix3d::Zero()}; }
   // Motion of all parts beyond s on a piece that starts at X_B0k.
-  Mover(const lie::SE3& X_B0k, const lie::Vector6& twist, double s) {
+  PointJacobian(const lie::SE3& X_B0k, const lie::Vector6& twist, double s) {
     const lie::Matrix6 J = lie::SE3::leftJacobian(s * twist);
     v_by_v = s * X_B0k.rotation * J.topLeftCorner<3, 3>();
     v_by_w = s * X_B0k.rotation * J.topRightCorner<3, 3>();
     v_by_w += lie::skew(X_B0k.translation) * v_by_v;
   }
   // Motion of the whole arm with the base.
-  explicit Mover(const lie::SE3& X_B0B)
+  explicit PointJacobian(const lie::SE3& X_B0B)
       : v_by_v(X_B0B.rotation), v_by_w(lie::skew(X_B0B.translation) * X_B0B.rotation) {}
 
   // Sum over several pieces that change together.
-  Mover& operator+=(const Mover& other) {
+  PointJacobian& operator+=(const PointJacobian& other) {
     v_by_v += other.v_by_v;
     v_by_w += other.v_by_w;
     return *this;
   }
-  Mover& operator*=(double share) {
+  PointJacobian& operator*=(double share) {
     v_by_v *= share;
     v_by_w *= share;
     return *this;
@@ -151,7 +152,8 @@ struct Mover {
   }
 
  private:
-  Mover(const Eigen::Matrix3d& by_v, const Eigen::Matrix3d& by_w) : v_by_v(by_v), v_by_w(by_w) {}
+  PointJacobian(const Eigen::Matrix3d& by_v, const Eigen::Matrix3d& by_w)
+      : v_by_v(by_v), v_by_w(by_w) {}
 };
 
 inline bool isFinite(const CornerObservation& seen) { return seen.direction.allFinite(); }
@@ -170,14 +172,14 @@ struct FitPoint {
   model::Shape shape;  ///< with these mean twists
   lie::SE3 X_B0B;
   lie::Vector6 base_offset = lie::Vector6::Zero();  ///< log of X_B0B, for the prior
-  double bleed = 0;
+  double border_shift = 0;
   double cost = std::numeric_limits<double>::infinity();
   std::vector<TagResidual> residuals;
   std::vector<double> squares;  ///< per tag: sum of squared residuals, in expected variances
 };
 
-/// Normal equations of all parameters: twists, base, bleed. Their number is known at run time only:
-/// each fixed size would compile for half a minute, and fit eight tags 2 % faster.
+/// Normal equations of all parameters: twists, base, border shift. Their number is known at run
+/// time only: each fixed size would compile for half a minute, and fit eight tags 2 % faster.
 struct NormalEquations {
   using Vector = Eigen::Matrix<double, Eigen::Dynamic, 1, Eigen::ColMajor, kMaxParameters, 1>;
   using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor,
@@ -197,9 +199,9 @@ class TwistEquations {
     deviations_.topRows<3>().setConstant(options.model_prior.translation);
     deviations_.bottomRows<3>().setConstant(options.model_prior.rotation);
     starts_.resize(model::kMaxPieces);
-    partial_movers_.resize(model::kMaxPieces, Mover::none());
+    partial_jacobians_.resize(model::kMaxPieces, PointJacobian::none());
     weighTags();
-    movers_.reserve(sections_);
+    jacobians_.reserve(sections_);
   }
 
   const TagLayout& layout() const { return layout_; }
@@ -218,7 +220,8 @@ class TwistEquations {
     prior_ = model.twists();
     noise_scale_ = 1;
   }
-  /// Sets what is known of base and bleed where they are free. The covariance is positive definite.
+  /// Sets what is known of base and border shift where they are free. The covariance is positive
+  /// definite.
   void know(const RigEstimate& rig);
   const RigEstimate& rig() const { return rig_; }
   const model::Twists& prior() const { return prior_; }
@@ -248,7 +251,7 @@ class TwistEquations {
                                         entry % 6) != std::end(kOutOfPlane);
   }
 
-  /// Sets a point to these twists, with held entries at 0, and to the known base and bleed.
+  /// Sets a point to these twists, with held entries at 0, and to the known base and border shift.
   void start(const model::Twists& twists, FitPoint& point) const {
     point.squares.clear();
     point.twists = twists;
@@ -259,7 +262,7 @@ class TwistEquations {
     point.base_offset.setZero();
     if (options_.free_base) point.base_offset = rig_.mean.head<kBaseParameters>();
     point.X_B0B = lie::SE3::exp(point.base_offset);
-    point.bleed = options_.free_bleed ? rig_.mean[kBaseParameters] : 0.0;
+    point.border_shift = options_.free_bleed ? rig_.mean[kBaseParameters] : 0.0;
   }
 
   /// Sets `to` to the point one step away from `from`.
@@ -274,7 +277,7 @@ class TwistEquations {
       to.X_B0B = from.X_B0B * lie::SE3::exp(step.template segment<6>(baseColumn()));
       to.base_offset = to.X_B0B.log();
     }
-    to.bleed = from.bleed + (bleeds<Model>() ? step[bleedColumn()] : 0.0);
+    to.border_shift = from.border_shift + (bleeds<Model>() ? step[bleedColumn()] : 0.0);
   }
 
   /// Computes a point's cost (infinite if a tag is behind the camera), residuals, normal equations.
@@ -290,21 +293,21 @@ class TwistEquations {
     point.squares.clear();
     point.cost = std::numeric_limits<double>::infinity();
     starts_[0] = point.X_B0B;
-    base_mover_ = Mover(point.X_B0B);
+    base_jacobian_ = PointJacobian(point.X_B0B);
     const model::Shape::Pieces& pieces = point.shape.pieces();
     const int per_section = point.shape.piecesPerSection();
-    movers_.clear();
+    jacobians_.clear();
     for (int j = 0; j + 1 < pieces.cols(); ++j) {
       starts_[j + 1] = point.shape.beyond(starts_[j], j);
-      Mover mover(starts_[j], pieces.col(j), 1.0);
+      PointJacobian jacobian(starts_[j], pieces.col(j), 1.0);
       if (per_section > 1) {
-        if (j % per_section > 0) mover += partial_movers_[j - 1];
-        partial_movers_[j] = mover;
-        mover *= 1.0 / per_section;
+        if (j % per_section > 0) jacobian += partial_jacobians_[j - 1];
+        partial_jacobians_[j] = jacobian;
+        jacobian *= 1.0 / per_section;
       }
-      if ((j + 1) % per_section == 0) movers_.push_back(mover);
+      if ((j + 1) % per_section == 0) jacobians_.push_back(jacobian);
     }
-    const Corners plane = layout_.corners(point.bleed);
+    const Corners plane = layout_.corners(point.border_shift);
     const double limit = threshold(model);
     double cost = 0;
     for (std::size_t i = 0; i < seen.size(); ++i) {
@@ -334,7 +337,7 @@ class TwistEquations {
     const PiecePlace place = placeOnPieces(tag, point.shape.piecesPerSection());
     const lie::SE3 X_B0T = poseOf(tag, place, point.shape);
     typename Model::Rows rows;
-    model.evaluate(seen, X_B0T, layout_.corners(point.bleed), rows);
+    model.evaluate(seen, X_B0T, layout_.corners(point.border_shift), rows);
     const auto J = jacobian<Model>(tag.section, place, rows, point.shape);
     Eigen::MatrixXd out(J.cols(), 6);
     out << J.transpose() * rows.by_v, J.transpose() * rows.by_w;
@@ -378,15 +381,16 @@ class TwistEquations {
     using Jacobian =
         Eigen::Matrix<double, kRows, Eigen::Dynamic, Eigen::ColMajor, kRows, kMaxParameters>;
     Jacobian J = Jacobian::Zero(kRows, parameters<Model>());
-    for (int j = 0; j < k; ++j) movers_[j].fill(rows, 6 * j, J);
-    Mover mover(starts_[place.piece], shape.pieces().col(place.piece), place.s);
+    for (int j = 0; j < k; ++j) jacobians_[j].fill(rows, 6 * j, J);
+    PointJacobian jacobian(starts_[place.piece], shape.pieces().col(place.piece), place.s);
     if (shape.piecesPerSection() > 1) {
-      if (place.piece % shape.piecesPerSection() > 0) mover += partial_movers_[place.piece - 1];
-      mover *= 1.0 / shape.piecesPerSection();
+      if (place.piece % shape.piecesPerSection() > 0)
+        jacobian += partial_jacobians_[place.piece - 1];
+      jacobian *= 1.0 / shape.piecesPerSection();
     }
-    mover.fill(rows, 6 * k, J);
-    if (options_.free_base) base_mover_.fill(rows, baseColumn(), J);
-    if (bleeds<Model>()) J.col(bleedColumn()) = rows.by_bleed;
+    jacobian.fill(rows, 6 * k, J);
+    if (options_.free_base) base_jacobian_.fill(rows, baseColumn(), J);
+    if (bleeds<Model>()) J.col(bleedColumn()) = rows.by_border_shift;
     if (options_.planar) {
       for (int j = 0; j <= k; ++j) {
         for (const int entry : kOutOfPlane) J.col(6 * j + entry).setZero();
@@ -413,7 +417,7 @@ class TwistEquations {
   TagLayout layout_;
   int sections_;
   TwistFitOptions options_;
-  RigEstimate rig_;                                          // known of base and bleed
+  RigEstimate rig_;                                          // known of base and border shift
   RigEstimate::Matrix both_information_, base_information_;  // of rig_, and of its base alone
   model::Shape expected_;                                    // the model's
   model::Twists prior_, deviations_;                         // of the twists
@@ -422,9 +426,9 @@ class TwistEquations {
   std::vector<lie::SE3> starts_;  // X_B0j of each piece's start
   // For sections of several pieces: motion of what lies beyond a piece, due to the pieces of its
   // section up to it, as if each changed by the whole change of the twist.
-  std::vector<Mover> partial_movers_;
-  std::vector<Mover> movers_;     // of what lies beyond each section except the last
-  Mover base_mover_{lie::SE3()};  // of the whole arm
+  std::vector<PointJacobian> partial_jacobians_;
+  std::vector<PointJacobian> jacobians_;     // of what lies beyond each section except the last
+  PointJacobian base_jacobian_{lie::SE3()};  // of the whole arm
 };
 
 /// Fills in the results that follow from the equations at the end of a search: outliers, RMS,

@@ -132,7 +132,7 @@ struct TwistFitter::Workspace {
     result.twists = at.twists;
     result.shape = at.shape;
     result.X_B0B = at.X_B0B;
-    result.bleed = at.bleed;
+    result.border_shift = at.border_shift;
     result.cost = at.cost;
     result.tags = at.residuals;
   }
@@ -230,7 +230,7 @@ struct TwistFitter::Workspace {
       startFrom(best.twists);
       at.X_B0B = best.X_B0B;
       at.base_offset = at.X_B0B.log();
-      at.bleed = best.bleed;
+      at.border_shift = best.border_shift;
       run(model, seen, -1);
       adaptToNoise(model, seen);
     }
@@ -298,14 +298,14 @@ void TwistFitOptions::validate() const {
                            {"the model's prior of w [rad]", model_prior.rotation},
                            {"the prior of the base's position [m]", base_prior.translation},
                            {"the prior of the base's rotation [rad]", base_prior.rotation},
-                           {"the prior of the bleed [m]", bleed_prior}});
+                           {"the prior of the bleed [m]", border_shift_prior}});
   require(max_iterations >= 1, "the number of iterations", max_iterations, "at least 1");
 }
 
 RigEstimate::RigEstimate(const TwistFitOptions& options) {
   Vector deviation;
   deviation << Eigen::Vector3d::Constant(options.base_prior.translation),
-      Eigen::Vector3d::Constant(options.base_prior.rotation), options.bleed_prior;
+      Eigen::Vector3d::Constant(options.base_prior.rotation), options.border_shift_prior;
   covariance = deviation.cwiseAbs2().asDiagonal();
 }
 

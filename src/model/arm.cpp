@@ -138,7 +138,7 @@ ArmOf<Group>::ArmOf(std::vector<SectionOf<Group>> sections, const Group& tool, i
   for (const SectionOf<Group>& section : sections) plates_.push_back(section.plate);
   for (std::size_t k = 0; k < sections.size(); ++k) {
     const std::string where = "section " + std::to_string(k + 1) + ": ";
-    std::vector<Strand<Group>> strands;
+    std::vector<ActuatorElement<Group>> elements;
     bool tapered = false;
     first_.push_back(static_cast<int>(actuators_.size()));
     for (ActuatorOf<Group>& actuator : sections[k].actuators) {
@@ -155,7 +155,7 @@ ArmOf<Group>::ArmOf(std::vector<SectionOf<Group>> sections, const Group& tool, i
                       where, actuator.name, " has limits [", limits.lower, ", ", limits.upper,
                       "]; expected a range inside its contraction's [", range.lower, ", ",
                       range.upper, "]");
-      strands.push_back({actuator.X_O, actuator.stiffness.template diagonal<Group>()});
+      elements.push_back({actuator.X_O, actuator.stiffness.template diagonal<Group>()});
       if (isConstant(actuator.taper)) actuator.taper.clear();
       tapered = tapered || !actuator.taper.empty();
       if (!actuator.taper.empty()) actuator.X_O = actuator.taper.front();
@@ -163,7 +163,7 @@ ArmOf<Group>::ArmOf(std::vector<SectionOf<Group>> sections, const Group& tool, i
     try {
       tapers_.push_back(tapered ? std::make_shared<const TaperOf<Group>>(sections[k].actuators)
                                 : nullptr);
-      equilibria_.push_back(tapered ? tapers_[k]->mean() : solveEquilibrium(strands));
+      equilibria_.push_back(tapered ? tapers_[k]->mean() : solveEquilibrium(elements));
     } catch (const std::invalid_argument& error) {
       throw std::invalid_argument(where + error.what());
     }

@@ -14,11 +14,11 @@ namespace helix_arm::model {
 namespace {
 
 template <class Group>
-void checkStrands(const std::vector<Strand<Group>>& strands) {
-  basics::require(!strands.empty() && strands.size() <= kMaxActuators, "a section has ",
-                  strands.size(), " actuators; expected 1 to ", kMaxActuators);
-  for (std::size_t i = 0; i < strands.size(); ++i) {
-    const auto& [X_O, K] = strands[i];
+void checkElements(const std::vector<ActuatorElement<Group>>& elements) {
+  basics::require(!elements.empty() && elements.size() <= kMaxActuators, "a section has ",
+                  elements.size(), " actuators; expected 1 to ", kMaxActuators);
+  for (std::size_t i = 0; i < elements.size(); ++i) {
+    const auto& [X_O, K] = elements[i];
     basics::require(X_O.rotation.allFinite() && X_O.translation.allFinite(), "actuator ", i + 1,
                     " has a pose that is not finite");
     basics::require(K.allFinite() && (K.array() >= 0).all() && K[0] > 0, "actuator ", i + 1,
@@ -29,30 +29,30 @@ void checkStrands(const std::vector<Strand<Group>>& strands) {
 // Length that scales bending against shear: distance of the actuators from the base curve or, if
 // this vanishes, that which corresponds to their own bending stiffness.
 template <class Group>
-double characteristicLength(const std::vector<Strand<Group>>& strands) {
+double characteristicLength(const std::vector<ActuatorElement<Group>>& elements) {
   double offset = 0.0, bending = 0.0;
-  for (const auto& [X_O, K] : strands) {
-    offset += X_O.translation.squaredNorm() / static_cast<double>(strands.size());
+  for (const auto& [X_O, K] : elements) {
+    offset += X_O.translation.squaredNorm() / static_cast<double>(elements.size());
     bending = std::max(bending, K.template tail<Group::kRotations>().maxCoeff());
   }
   const double length = std::max(std::sqrt(offset), 1e-6 * std::sqrt(bending));
   return length > 0 ? length : 1.0;
 }
 
-// Rows K_i^1/2 Ad_oi^-1 S^-1 of all strands, and K_i^1/2 e1 by their free lengths.
-struct StrandRows {
+// Rows K_i^1/2 Ad_oi^-1 S^-1 of all elements, and K_i^1/2 e1 by their free lengths.
+struct ElementRows {
   Eigen::MatrixXd by_twist, by_length;
 };
 
 // Largest rows first: with column pivoting, small rows keep their digits if K_gamma >> K_kappa.
 template <class Group>
-StrandRows sortedRows(const std::vector<Strand<Group>>& strands,
-                      const typename Group::Tangent& S_inverse) {
+ElementRows sortedRows(const std::vector<ActuatorElement<Group>>& elements,
+                       const typename Group::Tangent& S_inverse) {
   constexpr int dof = Group::kDof;
-  const int n = static_cast<int>(strands.size());
+  const int n = static_cast<int>(elements.size());
   Eigen::MatrixXd stack(n * dof, dof);
   for (int i = 0; i < n; ++i) {
-    const auto& [X_O, K] = strands[i];
+    const auto& [X_O, K] = elements[i];
     stack.middleRows<dof>(i * dof) =
         K.cwiseSqrt().asDiagonal() * X_O.inverse().adjoint() * S_inverse.asDiagonal();
   }
@@ -60,11 +60,11 @@ StrandRows sortedRows(const std::vector<Strand<Group>>& strands,
   std::iota(order.begin(), order.end(), 0);
   const Eigen::VectorXd size = stack.rowwise().template lpNorm<Eigen::Infinity>();
   std::stable_sort(order.begin(), order.end(), [&size](int a, int b) { return size[a] > size[b]; });
-  StrandRows out{Eigen::MatrixXd(n * dof, dof), Eigen::MatrixXd::Zero(n * dof, n)};
+  ElementRows out{Eigen::MatrixXd(n * dof, dof), Eigen::MatrixXd::Zero(n * dof, n)};
   for (int row = 0; row < n * dof; ++row) {
     out.by_twist.row(row) = stack.row(order[row]);
     const int i = order[row] / dof;
-    if (order[row] % dof == 0) out.by_length(row, i) = std::sqrt(strands[i].K[0]);
+    if (order[row] % dof == 0) out.by_length(row, i) = std::sqrt(elements[i].K[0]);
   }
   return out;
 }
@@ -72,16 +72,16 @@ StrandRows sortedRows(const std::vector<Strand<Group>>& strands,
 }  // namespace
 
 template <class Group>
-Equilibrium<Group> solveEquilibrium(const std::vector<Strand<Group>>& strands) {
+Equilibrium<Group> solveEquilibrium(const std::vector<ActuatorElement<Group>>& elements) {
   constexpr int dof = Group::kDof;
-  checkStrands(strands);
-  const int n = static_cast<int>(strands.size());
+  checkElements(elements);
+  const int n = static_cast<int>(elements.size());
 
   // Unknowns S g: with angles scaled to arc lengths, all are lengths, and bending is no noise.
   typename Group::Tangent S_inverse = Group::Tangent::Ones();
-  S_inverse.template tail<Group::kRotations>().setConstant(1.0 / characteristicLength(strands));
+  S_inverse.template tail<Group::kRotations>().setConstant(1.0 / characteristicLength(elements));
 
-  const auto [sorted, rest_length] = sortedRows(strands, S_inverse);
+  const auto [sorted, rest_length] = sortedRows(elements, S_inverse);
 
   const Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(sorted);
   const int rank = static_cast<int>(qr.rank());
@@ -116,7 +116,9 @@ Equilibrium<Group> solveEquilibrium(const std::vector<Strand<Group>>& strands) {
   return result;
 }
 
-template Equilibrium<lie::SE2> solveEquilibrium(const std::vector<Strand<lie::SE2>>& strands);
-template Equilibrium<lie::SE3> solveEquilibrium(const std::vector<Strand<lie::SE3>>& strands);
+template Equilibrium<lie::SE2> solveEquilibrium(
+    const std::vector<ActuatorElement<lie::SE2>>& elements);
+template Equilibrium<lie::SE3> solveEquilibrium(
+    const std::vector<ActuatorElement<lie::SE3>>& elements);
 
 }  // namespace helix_arm::model

@@ -14,11 +14,11 @@ constexpr double kFitError = 1e-9;  // of the maps and compliances, relative to 
 
 template <class Group>
 Equilibrium<Group> balanceAt(const std::vector<ActuatorOf<Group>>& actuators, double s) {
-  std::vector<Strand<Group>> strands;
+  std::vector<ActuatorElement<Group>> elements;
   for (const ActuatorOf<Group>& actuator : actuators) {
-    strands.push_back({poseAlong(actuator, s), actuator.stiffness.template diagonal<Group>()});
+    elements.push_back({poseAlong(actuator, s), actuator.stiffness.template diagonal<Group>()});
   }
-  return solveEquilibrium(strands);
+  return solveEquilibrium(elements);
 }
 
 // sum_k c_k T_k(2 t - 1) by Clenshaw's recurrence. @param mode  c_k by k.

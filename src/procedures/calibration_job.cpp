@@ -251,7 +251,7 @@ CalibrationOptions optionsOf(const io::Scene& scene, const CalibrationRequest& r
       choose("the rotation noise", request.rotation_noise, expected.rotation_noise);
   options.robust_scale = expected.robust_scale;
   options.tag_prior = scene.tag_prior;
-  options.bleed_prior = expected.bleed_prior;
+  options.border_shift_prior = expected.border_shift_prior;
   return options;
 }
 
@@ -880,7 +880,7 @@ std::vector<double> tipErrors(const io::Scene& scene,
     const bool seen = (corners != nullptr && !corners->empty() && scene.camera) ||
                       (poses != nullptr && !poses->empty());
     if (!seen) continue;
-    const statics::Solution model = modelUnder(scene, capture.hung).solve(capture.pressure);
+    const statics::Solution model = modelUnder(scene, capture.payload).solve(capture.pressure);
     if (!model.converged()) continue;
     const estimation::TwistFit& fit = fitTags(scene, capture.reading, model.shape, fitter);
     if (fit.status != estimation::FitStatus::kConverged) continue;

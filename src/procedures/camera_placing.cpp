@@ -177,7 +177,7 @@ CameraPlacing placeCamera(const io::Scene& scene, const model::Shape& shape,
   estimation::CameraPlacementOptions options;
   options.corner_noise = scene.vision.fit.corner_noise;
   options.tag_prior = scene.tag_prior;
-  options.bleed_prior = scene.vision.fit.bleed_prior;
+  options.border_shift_prior = scene.vision.fit.border_shift_prior;
   const auto start = vision::startOfPlacement(*scene.tags, shape, seen, camera.focal());
   if (!start) {
     out.reason = "no pose of the camera has most of the tags before it; check tags.groups";

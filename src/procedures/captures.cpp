@@ -262,7 +262,7 @@ Eigen::MatrixXd pressuresWithinLimits(const io::DataSet& data, const model::Arm&
   return pressures;
 }
 
-std::map<int, statics::PointLoad> hungOf(const io::Scene& scene, const io::DataSet& data) {
+std::map<int, statics::PointLoad> payloadsOf(const io::Scene& scene, const io::DataSet& data) {
   static const std::vector<std::string> kColumns{"load_mass_kg", "load_force_x_n", "load_force_y_n",
                                                  "load_force_z_n", "load_s"};
   const auto known = std::count_if(kColumns.begin(), kColumns.end(),
@@ -297,9 +297,9 @@ std::map<int, statics::PointLoad> hungOf(const io::Scene& scene, const io::DataS
 }
 
 statics::ArmModel modelUnder(const io::Scene& scene,
-                             const std::optional<statics::PointLoad>& hung) {
-  if (!hung) return scene.model;
-  const estimation::ArmCaptures arm = makeArmCaptures(scene, {}).under(hung);
+                             const std::optional<statics::PointLoad>& payload) {
+  if (!payload) return scene.model;
+  const estimation::ArmCaptures arm = makeArmCaptures(scene, {}).under(payload);
   return {arm.arm, std::nullopt, arm.load, arm.tier};
 }
 
@@ -321,10 +321,10 @@ LoadedCaptures loadCaptures(const io::Scene& scene, const io::DataSet& data,
       : kind == DataKind::kTagPoses
           ? posesOf(scene, data)
           : makeCaptures(scene, io::loadTagCorners(data, actuators), data.path, outside);
-  const std::map<int, statics::PointLoad> hung = hungOf(scene, data);
+  const std::map<int, statics::PointLoad> payload = payloadsOf(scene, data);
   for (estimation::Capture& capture : loaded.captures) {
-    const auto found = hung.find(capture.number);
-    if (found != hung.end()) capture.hung = found->second;
+    const auto found = payload.find(capture.number);
+    if (found != payload.end()) capture.payload = found->second;
   }
   return withNearPressures(std::move(loaded), scene.arm);
 }
@@ -402,7 +402,7 @@ std::vector<std::string> warningsOfScatter(const io::Scene& scene,
     const auto* const poses =
         std::get_if<std::vector<estimation::PoseObservation>>(&capture.reading);
     if (poses == nullptr || poses->empty()) continue;
-    const statics::Solution model = modelUnder(scene, capture.hung).solve(capture.pressure);
+    const statics::Solution model = modelUnder(scene, capture.payload).solve(capture.pressure);
     const estimation::TwistFit& fit =
         fitter.fitCold(*poses, statics::startingShape(scene.model, model, capture.pressure));
     if (fit.status != estimation::FitStatus::kConverged) continue;

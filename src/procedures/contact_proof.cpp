@@ -104,7 +104,7 @@ control::TipPath quietPath(const io::Scene& scene, double seconds, std::uint32_t
 
 ContactProof contactProof(const io::Scene& scene, const estimation::QuietScore& quiet) {
   const double limit =
-      std::max(estimation::LoadForksOptions{}.limit, std::ceil(kMargin * quiet.highest));
+      std::max(estimation::OnsetOptions{}.limit, std::ceil(kMargin * quiet.highest));
   ContactProof out{quiet, limit, follow::OnContact::kReport, "", 0.0, !scene.model.load()};
   const double force = (std::sqrt(out.limit) + kNineInTen) * quiet.unit_force;
   out.force = out.normalised ? force / estimation::TipCompliance::kTypicalStiffness : force;

@@ -116,7 +116,7 @@ estimation::PlacedView nominalViewOf(const io::Scene& scene) {
   return out;
 }
 
-// Base and bleed by the placements at a typical shape, with the tags that face the camera.
+// Base and border shift by the placements at a typical shape, with the tags that face the camera.
 RigEstimate::Matrix rigByPlacementsOf(const io::Scene& scene,
                                       const estimation::PlacedView& placed) {
   const Eigen::VectorXd pressure = scene.arm.inputAt(kTypicalInput);

@@ -156,14 +156,14 @@ struct Strip {
   int first, last;
 };
 
-// A strip around every line between cells, as wide as the bleed on both sides, is white if either
-// cell is. The outermost strips are the surroundings of the card.
+// A strip around every line between cells, as wide as the border shift on both sides, is white if
+// either cell is. The outermost strips are the surroundings of the card.
 struct Strips {
   std::vector<Strip> cells;
   std::vector<double> lines;  // where they begin and end
 };
 
-Strips stripsOf(const std::vector<double>& widths, double bleed) {
+Strips stripsOf(const std::vector<double>& widths, double border_shift) {
   Strips strips{{{-1, -1}}, {-kOutside, 0.0}};
   const int size = static_cast<int>(widths.size());
   double line = 0;
@@ -171,11 +171,11 @@ Strips stripsOf(const std::vector<double>& widths, double bleed) {
     line += widths[static_cast<std::size_t>(i)];
     strips.cells.push_back({i, i});
     if (i + 1 == size) break;
-    if (bleed > 0) {
-      strips.lines.push_back(line - bleed);
+    if (border_shift > 0) {
+      strips.lines.push_back(line - border_shift);
       strips.cells.push_back({i, i + 1});
     }
-    strips.lines.push_back(line + bleed);
+    strips.lines.push_back(line + border_shift);
   }
   strips.cells.push_back({-1, -1});
   strips.lines.push_back(line);
@@ -199,9 +199,10 @@ class TagPattern {
   // area, that on the card, and the whole.
   using Areas = Eigen::Array3d;
 
-  // @param bleed  of white into black at each edge, >= 0, less than half the least cell [units].
-  TagPattern(const CardPrint& print, double bleed) {
-    Strips across = stripsOf(print.across, bleed), down = stripsOf(print.down, bleed);
+  // @param border shift  of white into black at each edge, >= 0, less than half the least cell
+  // [units].
+  TagPattern(const CardPrint& print, double border_shift) {
+    Strips across = stripsOf(print.across, border_shift), down = stripsOf(print.down, border_shift);
     across_ = std::move(across.lines);
     down_ = std::move(down.lines);
     columns_ = across.cells.size();
@@ -320,16 +321,18 @@ void paintPixel(const Areas& areas, double light, uchar& pixel) {
 // is computed from the exact area of the card that it covers.
 class TagPainter {
  public:
-  // @param bleed  width by which white bleeds into black at each edge [m].
-  // @throws std::invalid_argument on a bleed of half a cell or more.
-  TagPainter(const estimation::Camera& camera, const std::vector<CardPrint>& prints, double bleed)
+  // @param border shift  width by which white bleeds into black at each edge [m].
+  // @throws std::invalid_argument on a border shift of half a cell or more.
+  TagPainter(const estimation::Camera& camera, const std::vector<CardPrint>& prints,
+             double border_shift)
       : camera_(camera), directions_(directionsAtPixelCorners(camera)) {
     for (const CardPrint& print : prints) {
       const double least = std::min(*std::min_element(print.across.begin(), print.across.end()),
                                     *std::min_element(print.down.begin(), print.down.end()));
-      basics::requireValue(bleed < 0.5 * least * print.unit, kSimulatedCamera, "the bleed [m]",
-                           bleed, "less than half a cell of what is printed");
-      cards_.push_back({TagPattern(print, bleed / print.unit), print.unit,
+      basics::requireValue(border_shift < 0.5 * least * print.unit, kSimulatedCamera,
+                           "the bleed [m]", border_shift,
+                           "less than half a cell of what is printed");
+      cards_.push_back({TagPattern(print, border_shift / print.unit), print.unit,
                         std::accumulate(print.across.begin(), print.across.end(), 0.0),
                         std::accumulate(print.down.begin(), print.down.end(), 0.0)});
     }
@@ -523,7 +526,7 @@ void SimulatedCameraConfig::validate() const {
   basics::requireNotNegative(kSimulatedCamera, "the blur [px]", blur);
   basics::requireNotNegative(kSimulatedCamera, "the noise [gray levels]", noise);
   basics::requirePositive(kSimulatedCamera, "the exposure", exposure);
-  basics::requireNotNegative(kSimulatedCamera, "the bleed [m]", bleed);
+  basics::requireNotNegative(kSimulatedCamera, "the bleed [m]", border_shift);
   basics::requireValue(jpeg_quality >= 1 && jpeg_quality <= 100, kSimulatedCamera,
                        "the JPEG quality", jpeg_quality, "1 to 100");
   basics::requireValue(clutter >= 0, kSimulatedCamera, "the number of objects in the background",
@@ -538,7 +541,7 @@ struct SimulatedCamera::Workspace {
       : view(checked(view_in, body_in, config_in)),
         body(body_in),
         config(config_in),
-        tags(view.camera, prints, config.bleed),
+        tags(view.camera, prints, config.border_shift),
         generator(config.seed) {
     for (int i = 0; i < config.occluders; ++i) occluders.emplace_back(generator);
     const estimation::Camera& camera = view.camera;

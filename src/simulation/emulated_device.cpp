@@ -52,11 +52,12 @@ std::optional<DeviceFault> parseDeviceFault(const std::string& name) {
   return std::nullopt;
 }
 
-Emulation::Emulation(int channels, const regulator::SimulatedRegulatorConfig& valves, Manner manner)
-    : manner_(std::move(manner)),
+Emulation::Emulation(int channels, const regulator::SimulatedRegulatorConfig& valves,
+                     DeviceTiming timing)
+    : timing_(std::move(timing)),
       regulator_(channels, valves),
       time_(regulator::steadyNow()),
-      generator_(manner_.seed) {}
+      generator_(timing_.seed) {}
 
 double Emulation::work() {
   catchUp();
@@ -64,7 +65,7 @@ double Emulation::work() {
   accept();
   for (std::size_t i = clients_.size(); i-- > 0;) hear(i);
   if (time_ >= next_unasked_) {
-    next_unasked_ = time_ + manner_.period;
+    next_unasked_ = time_ + timing_.period;
     for (Client& client : clients_) {
       if (!client.is_there || fault_ == DeviceFault::kSilence) continue;
       if (const auto line = unasked()) say(client, *line);
@@ -156,12 +157,12 @@ void Emulation::say(Client& client, std::string answer) {
     for (char& c : answer) {
       if (fault_ == DeviceFault::kGarbage) c = static_cast<char>(byte(generator_));
     }
-    answer += manner_.terminator;
+    answer += timing_.terminator;
   }
   if (fault_ == DeviceFault::kSlow) {
     // One at a time, like a device that is busy.
     const double begin = client.late.empty() ? time_ : client.late.back().first;
-    client.late.emplace_back(begin + kSlowness * manner_.timeout, std::move(answer));
+    client.late.emplace_back(begin + kSlowness * timing_.timeout, std::move(answer));
   } else {
     client.stream.send(answer);
   }

@@ -151,13 +151,13 @@ class DeviceLink {
 class Emulation {
  public:
   /// How it speaks.
-  struct Manner {
+  struct DeviceTiming {
     double timeout;                                           ///< of its profile [s]
     std::string terminator;                                   ///< behind each answer
     double period = std::numeric_limits<double>::infinity();  ///< of unsolicited answers [s]
     std::uint32_t seed = 1;                                   ///< of the garbage
   };
-  Emulation(int channels, const regulator::SimulatedRegulatorConfig& valves, Manner manner);
+  Emulation(int channels, const regulator::SimulatedRegulatorConfig& valves, DeviceTiming timing);
   virtual ~Emulation() = default;
 
   /// Does what is due. @return the longest wait until the next call, unless a file is ready [s].
@@ -211,7 +211,7 @@ class Emulation {
   /// (channels) under the fault, NaN where there is none [Pa].
   Eigen::VectorXd readings();
 
-  const Manner manner_;
+  const DeviceTiming timing_;
   regulator::SimulatedRegulator regulator_;
   std::vector<Client> clients_;
   DeviceFault fault_ = DeviceFault::kNone;

@@ -69,10 +69,10 @@ class SerialEmulation : public Emulation {
   }
 
   std::optional<std::string> next(std::string& input) const override {
-    const std::size_t end = input.find(manner_.terminator);
+    const std::size_t end = input.find(timing_.terminator);
     if (end == std::string::npos) return std::nullopt;
     std::string line = input.substr(0, end);
-    input.erase(0, end + manner_.terminator.size());
+    input.erase(0, end + timing_.terminator.size());
     return line;
   }
 

@@ -19,7 +19,7 @@ constexpr int kFrequencies = 28;                       // up to 6.6 Hz
 
 constexpr double kHighPass = 0.7;  // time constant [s]
 constexpr double kMemory = 15.0;   // of the comparison [s]
-// A mode counts if it leaves this part of the misfit without one, or with the strongest damping.
+// A mode counts if it leaves this part of the residual without one, or with the strongest damping.
 constexpr double kClear = 0.5;
 constexpr double kLeastPictures = 20.0;
 constexpr double kDirections = 2.0;  // of the motion that are independent
@@ -73,7 +73,7 @@ void ModeEstimator::reset() {
   time_.reset();
   compared_.reset();
   mode_.reset();
-  misfit_.setZero(turn_.size());
+  residual_.setZero(turn_.size());
 }
 
 void ModeEstimator::restart(const Eigen::VectorXd& pressure) {
@@ -127,20 +127,20 @@ void ModeEstimator::moveTo(double time, const Pressures& pressures) {
 }
 
 // The swing is known by its rate: at a constant one the lengths stay behind their goal. A mode is
-// refuted as one is found: another hypothesis leaves a clearly smaller part of the misfit.
+// refuted as one is found: another hypothesis leaves a clearly smaller part of the residual.
 void ModeEstimator::findPossible(double dt) {
   const Eigen::Index modes = turn_.size() / lags_.size();
-  const double most = misfit_.minCoeff() / kClear;
+  const double most = residual_.minCoeff() / kClear;
   possible_.setZero();
   for (Eigen::Index i = 0; i < lags_.size(); ++i) {
     const Eigen::Index damped = i * modes + kUnseenDamping * kFrequencies;
     const auto turn = turn_.segment(damped, kFrequencies);
-    const auto misfit = misfit_.segment(damped, kFrequencies);
+    const auto residual = residual_.segment(damped, kFrequencies);
     for (Eigen::Index j = 0; j < goal_.rows(); ++j) {
       auto before = beyond_.col(j).segment(i * kFrequencies, kFrequencies).array();
       const Eigen::ArrayXd beyond = x_.col(j).segment(damped, kFrequencies).array() - goal_(j, i);
       const Eigen::ArrayXd swing = (beyond - before).abs() / (dt * turn);
-      possible_[j] = std::max(possible_[j], (misfit <= most).select(swing, 0.0).maxCoeff());
+      possible_[j] = std::max(possible_[j], (residual <= most).select(swing, 0.0).maxCoeff());
       before = beyond;
     }
   }
@@ -177,12 +177,12 @@ void ModeEstimator::compare(const Eigen::VectorXd& measured, const Eigen::Matrix
 }
 
 void ModeEstimator::judge() {
-  misfit_.setConstant(turn_.size(), energy_.sum());
+  residual_.setConstant(turn_.size(), energy_.sum());
   for (Eigen::Index i = 0; i < energy_.size(); ++i) {
     const auto cross = cross_.col(i), power = power_.col(i);
-    misfit_ -= (cross > 0 && power > 0).select(cross.square() / power, 0.0);
+    residual_ -= (cross > 0 && power > 0).select(cross.square() / power, 0.0);
   }
-  misfit_ = misfit_.max(0.0);
+  residual_ = residual_.max(0.0);
 }
 
 void ModeEstimator::choose() {
@@ -191,10 +191,10 @@ void ModeEstimator::choose() {
   const Eigen::Index modes = turn_.size() / lags_.size();
   double without = energy_.sum();
   for (Eigen::Index k = modes - 1; k < turn_.size(); k += modes) {
-    without = std::min(without, misfit_.segment(k - kFrequencies, kFrequencies + 1).minCoeff());
+    without = std::min(without, residual_.segment(k - kFrequencies, kFrequencies + 1).minCoeff());
   }
   Eigen::Index best = 0;
-  const double least = misfit_.minCoeff(&best);
+  const double least = residual_.minCoeff(&best);
   // A mode that was found holds until motion shows that there is none.
   if (least >= without) return mode_.reset();
   if (least > kClear * without) return;
@@ -204,10 +204,10 @@ void ModeEstimator::choose() {
   const double count = kDirections * weight_;
   Vertex by_f, by_z;
   if (f > 0 && f < kFrequencies - 1) {
-    by_f = vertexOf(misfit_[best - 1], least, misfit_[best + 1], count);
+    by_f = vertexOf(residual_[best - 1], least, residual_[best + 1], count);
   }
   if (z > 0 && z < last_z) {
-    by_z = vertexOf(misfit_[best - kFrequencies], least, misfit_[best + kFrequencies], count);
+    by_z = vertexOf(residual_[best - kFrequencies], least, residual_[best + kFrequencies], count);
   }
   const auto at = [](Eigen::Index i) { return std::log(kDampings[static_cast<std::size_t>(i)]); };
   const double width = (at(std::min(z + 1, last_z)) - at(std::max<Eigen::Index>(z - 1, 0))) / 2;

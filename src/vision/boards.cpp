@@ -55,13 +55,14 @@ cv::Point2f toPoint(const Eigen::Vector2d& point) {
 }
 
 // The plane as one marker shows it around it.
-struct Outlook {
+struct BoardHomography {
   estimation::Corners corners;  // [px]
   cv::Matx33d pixel_of_board;
   double side;  // mean side [px]
 };
 
-Outlook outlookOf(const estimation::Corners& on_board, const estimation::Corners& in_picture) {
+BoardHomography homographyOf(const estimation::Corners& on_board,
+                             const estimation::Corners& in_picture) {
   cv::Point2f from[4], to[4];
   double around = 0;
   for (int c = 0; c < 4; ++c) {
@@ -72,26 +73,26 @@ Outlook outlookOf(const estimation::Corners& on_board, const estimation::Corners
   return {in_picture, cv::getPerspectiveTransform(from, to), 0.25 * around};
 }
 
-Eigen::Vector2d pixelOf(const Outlook& outlook, const Eigen::Vector2d& on_board) {
-  const cv::Vec3d h = outlook.pixel_of_board * cv::Vec3d(on_board.x(), on_board.y(), 1);
+Eigen::Vector2d pixelOf(const BoardHomography& homography, const Eigen::Vector2d& on_board) {
+  const cv::Vec3d h = homography.pixel_of_board * cv::Vec3d(on_board.x(), on_board.y(), 1);
   return {h[0] / h[2], h[1] / h[2]};
 }
 
-double roomAround(const Eigen::Vector2d& pixel, const Outlook& outlook) {
-  return (outlook.corners.colwise() - pixel).colwise().norm().minCoeff();
+double roomAround(const Eigen::Vector2d& pixel, const BoardHomography& homography) {
+  return (homography.corners.colwise() - pixel).colwise().norm().minCoeff();
 }
 
-std::map<int, Outlook> outlooksOf(const CharucoBoard& board, const Markers& markers) {
-  std::map<int, Outlook> outlooks;
+std::map<int, BoardHomography> homographiesOf(const CharucoBoard& board, const Markers& markers) {
+  std::map<int, BoardHomography> homographies;
   auto seen = markers.begin();
   const int squares = board.columns * board.rows;
   for (int square = 0; square < squares && seen != markers.end(); ++square) {
     const int column = square % board.columns, row = square / board.columns;
     if (!board.isWhite(column, row) || board.markerIn(column, row) != seen->id) continue;
-    outlooks.emplace(seen->id, outlookOf(board.markerCorners(column, row), seen->corners));
+    homographies.emplace(seen->id, homographyOf(board.markerCorners(column, row), seen->corners));
     ++seen;
   }
-  return outlooks;
+  return homographies;
 }
 
 // Sets of markers that corners connect.
@@ -358,7 +359,7 @@ std::vector<MarkerObservation> findMarkers(const std::string& dictionary, const 
 }
 
 std::vector<MarkedCorner> markedCorners(const CharucoBoard& board, const Markers& markers) {
-  const std::map<int, Outlook> outlooks = outlooksOf(board, markers);
+  const std::map<int, BoardHomography> homographies = homographiesOf(board, markers);
   std::vector<MarkedCorner> corners;
   std::vector<int> marker_of;  // one of a corner's markers
   Groups groups;
@@ -366,9 +367,9 @@ std::vector<MarkedCorner> markedCorners(const CharucoBoard& board, const Markers
     const int column = id % (board.columns - 1), row = id / (board.columns - 1);
     const int above = board.isWhite(column, row) ? column : column + 1;
     const int below = above == column ? column + 1 : column;
-    const auto first = outlooks.find(board.markerIn(above, row));
-    const auto second = outlooks.find(board.markerIn(below, row + 1));
-    if (first == outlooks.end() || second == outlooks.end()) continue;
+    const auto first = homographies.find(board.markerIn(above, row));
+    const auto second = homographies.find(board.markerIn(below, row + 1));
+    if (first == homographies.end() || second == homographies.end()) continue;
     const Eigen::Vector2d on_board = board.corner(id);
     const Eigen::Vector2d a = pixelOf(first->second, on_board);
     const Eigen::Vector2d b = pixelOf(second->second, on_board);

@@ -218,7 +218,7 @@ TEST(Contact, AForceDuringASlowPathIsFoundWithinASecond) {
   EXPECT_GE(soon, draws == 10 ? 8 : test::leastOf(draws, 0.98));
 }
 
-// The scores of forks while nothing touches the arm.
+// The scores of onsets while nothing touches the arm.
 struct Quiet {
   double hours = 0.0;
   int alarms = 0;

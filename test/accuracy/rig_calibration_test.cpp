@@ -68,7 +68,7 @@ std::vector<io::TagCornerCapture> photograph(const io::Scene& scene, const Rig& 
   const Eigen::MatrixXd plan = procedures::defaultPressurePlan(scene.arm);
   if (rendered) return test::photograph(scene, simulated, plan);
   estimation::ArmView shrunk = setup.view;
-  shrunk.layout.size -= 2 * setup.config.bleed;
+  shrunk.layout.size -= 2 * setup.config.border_shift;
   // The median of three has 0.67 of the deviation of one.
   const double noise = scene.vision.fit.corner_noise / 0.67;
   test::Random random(rig.mounts.seed);
@@ -88,7 +88,7 @@ std::map<std::string, double> truthOf(const io::Scene& scene, const Rig& rig) {
   std::map<std::string, double> truth{{"K_kappa", stiffness.kappa * rig.arm.K_kappa_scale},
                                       {"K_gamma", stiffness.gamma * rig.arm.K_gamma_scale},
                                       {"length_scale", rig.arm.length_scale},
-                                      {"bleed", scene.simulation.camera.bleed}};
+                                      {"bleed", scene.simulation.camera.border_shift}};
   for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
     truth["stroke_scale_" + scene.arm.actuator(i).name] = rig.arm.stroke_scales[i];
   }
@@ -139,7 +139,7 @@ double tipError2(const io::Scene& scene, const Rig& rig, const Calibration* foun
 TEST(RigCalibration, ParametersAreWithinTheirErrorsAndTheTipComesThreeTimesCloser) {
   const io::Scene scene = io::loadScene(HELIX_ARM_SOURCE_DIR "/config/scenes/demo.yaml");
   estimation::CalibrationOptions options;
-  options.base = options.tags = options.bleed = true;
+  options.base = options.tags = options.border_shift = true;
   options.length_scale = estimation::LengthScaling::kCommon;
   options.stroke_scale = true;
   options.corner_noise = scene.vision.fit.corner_noise;

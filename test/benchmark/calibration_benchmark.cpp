@@ -74,7 +74,7 @@ CalibrationOptions upTo(Until last, CalibrationOptions options) {
 
 CalibrationOptions placementOptions() {
   CalibrationOptions options;
-  options.base = options.tags = options.bleed = options.free_shapes = true;
+  options.base = options.tags = options.border_shift = options.free_shapes = true;
   options.base_prior = {0.1, 0.5};
   return options;
 }
@@ -178,13 +178,13 @@ struct TagResidual {
   estimation::CornerObservation seen;
   double noise;  // [px]
 
-  bool operator()(const double* twist, const double* base, const double* bleed, const double* moved,
-                  double* residual) const {
+  bool operator()(const double* twist, const double* base, const double* border_shift,
+                  const double* moved, double* residual) const {
     const Eigen::Map<const lie::Vector6> g(twist), b(base), m(moved);
     const estimation::TagPlacement tag =
         estimation::movedBy(data.layout.tags[seen.tag], m, data.arm.restLength(0));
     const lie::SE3 X_CT = data.X_CB * lie::SE3::exp(b) * lie::SE3::exp(tag.s * g) * tag.X_ST;
-    const estimation::Corners plane = data.layout.corners(*bleed);
+    const estimation::Corners plane = data.layout.corners(*border_shift);
     for (int c = 0; c < 4; ++c) {
       const Eigen::Vector3d p = X_CT * Eigen::Vector3d(plane(0, c), plane(1, c), 0);
       if (!(p.z() > 0)) return false;
@@ -217,7 +217,7 @@ struct PlacementProblem {
   using Six = std::array<double, 6>;
   std::vector<Six> twists, tags;
   Six base{}, held{};
-  double bleed = 0;
+  double border_shift = 0;
   ceres::Problem problem;
 
   PlacementProblem() {
@@ -240,24 +240,24 @@ struct PlacementProblem {
             new TagResidual{data, seen, noise});
         double* const tag = seen.tag == 0 ? held.data() : tags[seen.tag].data();
         problem.AddResidualBlock(cost, new ceres::CauchyLoss(options.robust_scale * std::sqrt(8.0)),
-                                 twists[c].data(), base.data(), &bleed, tag);
+                                 twists[c].data(), base.data(), &border_shift, tag);
       }
     }
     holdPose(base, options.base_prior.translation, options.base_prior.rotation);
-    hold<1>(problem, &bleed, {{0.0}, {options.bleed_prior}});
+    hold<1>(problem, &border_shift, {{0.0}, {options.border_shift_prior}});
     for (std::size_t i = 1; i < tags.size(); ++i) {
       holdPose(tags[i], options.tag_prior.translation, options.tag_prior.rotation);
     }
     if (problem.HasParameterBlock(held.data())) problem.SetParameterBlockConstant(held.data());
   }
 
-  // The values of a calibration: base, bleed, tags but the first, as it lists them.
+  // The values of a calibration: base, border shift, tags but the first, as it lists them.
   void set(const Calibration& found) {
     for (std::size_t c = 0; c < twists.size(); ++c) {
       for (int i = 0; i < 6; ++i) twists[c][i] = found.shapes[c](i, 0);
     }
     for (int i = 0; i < 6; ++i) base[i] = found.parameters[i].value;
-    bleed = found.parameters[6].value;
+    border_shift = found.parameters[6].value;
     for (std::size_t t = 1; t < tags.size(); ++t) {
       for (int i = 0; i < 6; ++i) tags[t][i] = found.parameters[7 + 6 * (t - 1) + i].value;
     }

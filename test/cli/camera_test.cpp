@@ -385,14 +385,14 @@ TEST_F(Localize, AParameterFarFromItsPriorIsSuspicious) {
                                       "tags.size_m=0.036", "--format", "json"});
   const json frame = outcome.json()["frames"][0];
   const json suspicious = frame["suspicious"];
-  const auto bleed = std::find_if(suspicious.begin(), suspicious.end(), [](const json& entry) {
-    return entry["parameter"] == "bleed_m";
-  });
-  ASSERT_NE(bleed, suspicious.end()) << frame;
-  EXPECT_NEAR((*bleed)["deviations"].get<double>(),
+  const auto border_shift =
+      std::find_if(suspicious.begin(), suspicious.end(),
+                   [](const json& entry) { return entry["parameter"] == "bleed_m"; });
+  ASSERT_NE(border_shift, suspicious.end()) << frame;
+  EXPECT_NEAR((*border_shift)["deviations"].get<double>(),
               std::abs(frame["bleed_m"].get<double>()) / 0.0005, 1e-9);
-  EXPECT_GT((*bleed)["deviations"].get<double>(), 3);
-  EXPECT_NE((*bleed)["remedy"].get<std::string>().find("tags.size_m"), std::string::npos);
+  EXPECT_GT((*border_shift)["deviations"].get<double>(), 3);
+  EXPECT_NE((*border_shift)["remedy"].get<std::string>().find("tags.size_m"), std::string::npos);
 }
 
 TEST_F(Localize, OnePictureNamesTheMistakeThatALongListNames) {

@@ -293,7 +293,7 @@ TEST(Calibration, PlacementsStayOnTheArm) {
   // These are thought to be at the very end, and are glued 3 mm beyond it.
   for (int tag = 12; tag < 16; ++tag) truth.view.layout.tags[tag].X_ST.translation.x() += 0.003;
   CalibrationOptions options;
-  options.tags = options.base = options.bleed = true;
+  options.tags = options.base = options.border_shift = true;
   const Calibration found = calibrated({corners(known, view, truth, 0.1, random)}, options);
   EXPECT_NO_THROW(found.layout.validate(1));
   const model::Twists shape = truth.arm.twists(Eigen::VectorXd::Zero(3));
@@ -513,7 +513,7 @@ TEST(ParametersAlone, AreThoseWithErrors) {
   }
   expectSameValues(data, options);
   CalibrationOptions placements;
-  placements.base = placements.tags = placements.bleed = placements.free_shapes = true;
+  placements.base = placements.tags = placements.border_shift = placements.free_shapes = true;
   expectSameValues(wrongRig(0.3), placements);
 }
 

@@ -160,14 +160,14 @@ TEST(CalibrationVerdict, ErrorsAreValidWhateverIsNotFitted) {
     options.length_scale = has(2) ? LengthScaling::kCommon : LengthScaling::kNone;
     options.base = has(3);
     options.tags = has(4);
-    options.bleed = has(5);
+    options.border_shift = has(5);
     options.K_tau = has(6);
     options.free_shapes = (words & 71) == 0;
     options.stiffness_prior = kStiffness;
     options.length_scale_prior = 0.03;
     options.base_prior = {0.01, 0.02};
     options.tag_prior = {0.002, 0.05};
-    options.bleed_prior = 0.0003;
+    options.border_shift_prior = 0.0003;
     options.corner_noise = kCornerNoise;
     options.corner_floor = 0;
     options.held_out = false;
@@ -284,7 +284,7 @@ TEST(CalibrationVerdict, StiffnessOfUntiltedArmsIsFoundWithinItsErrors) {
   const model::Arm known = test::ringArm(test::straightRing());
   const ArmView view = test::sampleView(0.8, 1, 21, 3);
   CalibrationOptions options;
-  options.base = options.tags = options.bleed = true;
+  options.base = options.tags = options.border_shift = true;
   options.length_scale = LengthScaling::kCommon;
   options.corner_floor = 0;  // these have none
   int misses = 0;

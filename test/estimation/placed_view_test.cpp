@@ -159,7 +159,7 @@ TEST_F(Placements, RigByPlacementsIsThatOfRepeatedFits) {
   TwistFitOptions wide = fit;
   wide.base_prior.translation *= 30;
   wide.base_prior.rotation *= 30;
-  wide.bleed_prior *= 30;
+  wide.border_shift_prior *= 30;
   TwistFitter fitter(view_.layout, 1, wide);
   Random random(6);
   const Eigen::Matrix3d sampled = test::spreadOf(1500, [&] {
@@ -170,9 +170,9 @@ TEST_F(Placements, RigByPlacementsIsThatOfRepeatedFits) {
   });
   test::expectSpread(sampled, covariance->topLeftCorner<3, 3>(), 0.2);
   fit.free_base = false;
-  const auto bleed = rigByPlacements({view_, fit, placed.deviations}, arm_, shape_, tags);
-  EXPECT_TRUE(bleed->topRows<6>().isZero(0));
-  EXPECT_GT((*bleed)(6, 6), 0);
+  const auto border_shift = rigByPlacements({view_, fit, placed.deviations}, arm_, shape_, tags);
+  EXPECT_TRUE(border_shift->topRows<6>().isZero(0));
+  EXPECT_GT((*border_shift)(6, 6), 0);
 }
 
 TEST_F(Placements, DependsOnTheFittedTagsAlone) {

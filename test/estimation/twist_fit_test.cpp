@@ -197,7 +197,7 @@ TEST_F(TwistFitTest, BleedIsFoundBesideTheTwists) {
   TwistFitter aware(view_.layout, 1, options);
   const TwistFit& fit = aware.fit(seen, view_.X_CB, view_.camera.fx, twists);
   ASSERT_EQ(fit.status, FitStatus::kConverged);
-  EXPECT_NEAR(fit.bleed, 0.0004, 1e-6);
+  EXPECT_NEAR(fit.border_shift, 0.0004, 1e-6);
   EXPECT_LT((fit.twists - twists).cwiseAbs().maxCoeff(), 1e-5);
   const TwistFit& biased = ignorant.fit(seen, view_.X_CB, view_.camera.fx, twists);
   EXPECT_GT((biased.twists - twists).cwiseAbs().maxCoeff(), 1e-3);

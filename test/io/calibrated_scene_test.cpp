@@ -35,7 +35,7 @@ Provenance provenance() {
           "px"};
 }
 
-constexpr double kBleed = 0.0002;  // [m]
+constexpr double kBorderShift = 0.0002;  // [m]
 
 SceneCalibration calibration() {
   SceneCalibration made;
@@ -138,7 +138,8 @@ TEST_P(ShippedScene, ContainsAllThatWasCalibrated) {
   if (before.camera) change.X_CB = before.X_CB() * randomPose(random, 0.02);
   if (before.tags) {
     change.X_BF = randomPose(random, 0.02);
-    change.numbers[estimation::FitParameter::kBleed] = Eigen::VectorXd::Constant(1, kBleed);
+    change.numbers[estimation::FitParameter::kBorderShift] =
+        Eigen::VectorXd::Constant(1, kBorderShift);
     change.tags = before.tags;
     for (estimation::TagPlacement& tag : change.tags->tags) {
       tag.s = std::clamp(tag.s + 0.01 * random.normal(), 0.0, 1.0);
@@ -163,7 +164,7 @@ TEST_P(ShippedScene, ContainsAllThatWasCalibrated) {
   }
   if (change.tags) {
     EXPECT_LT(difference(after.X_BF, *change.X_BF), 1e-12);
-    change.tags->size -= 2 * kBleed;
+    change.tags->size -= 2 * kBorderShift;
     expectSameTags(*after.tags, *change.tags, 1e-12);
   }
 }
@@ -424,7 +425,8 @@ TEST(CalibratedScene, WhatTheSceneHasNoPlaceForIsRefused) {
          [](auto& change) { change.X_CB = lie::SE3(); });
   expect(kPlanarScene, "tags are calibrated, but scene flat has none; expected one with tags",
          [](auto& change) {
-           change.numbers[estimation::FitParameter::kBleed] = Eigen::VectorXd::Constant(1, kBleed);
+           change.numbers[estimation::FitParameter::kBorderShift] =
+               Eigen::VectorXd::Constant(1, kBorderShift);
          });
   expect(kPlanarScene, "the number of length scales is 3; expected 2",
          [](auto& change) { change.length_scale = Eigen::Vector3d::Ones(); });

@@ -35,7 +35,7 @@ inline auto membersOf(const vision::LocalizerConfig& config) {
   const estimation::TwistFitOptions& fit = config.fit;
   return std::tie(d.family, d.quad_decimate, d.quad_sigma, d.threads, d.refine_edges, d.max_hamming,
                   config.tracking, config.min_tags, fit.corner_noise, fit.position_noise,
-                  fit.robust_scale, fit.base_prior.translation, fit.bleed_prior);
+                  fit.robust_scale, fit.base_prior.translation, fit.border_shift_prior);
 }
 
 /// What it says of the loop over vision, except for rotations.

@@ -236,8 +236,8 @@ TEST(SceneLoader, SimulationSaysHowTheRigDiffers) {
             std::make_tuple(0.02, 0.003, 5u));
   EXPECT_NEAR(mounts.camera_rotation, 2 * kPi / 180, kTolerance);
   EXPECT_NEAR(mounts.tag_rotation, 4 * kPi / 180, kTolerance);
-  EXPECT_EQ(std::tie(camera.blur, camera.noise, camera.exposure, camera.bleed, camera.jpeg_quality,
-                     camera.clutter, camera.occluders, camera.seed),
+  EXPECT_EQ(std::tie(camera.blur, camera.noise, camera.exposure, camera.border_shift,
+                     camera.jpeg_quality, camera.clutter, camera.occluders, camera.seed),
             std::make_tuple(0.5, 3, 1.1, 0.0003, 80, 4, 2, 9u));
 }
 

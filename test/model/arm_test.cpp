@@ -218,11 +218,11 @@ constexpr double kDegree = test::kPi / 180, kTilt = 15 * kDegree;
 
 // The definition: the equilibrium solved at s.
 Equilibrium<lie::SE3> equilibriumAt(const Section& section, double s) {
-  std::vector<Strand<lie::SE3>> strands;
+  std::vector<ActuatorElement<lie::SE3>> elements;
   for (const Actuator& actuator : section.actuators) {
-    strands.push_back({poseAlong(actuator, s), actuator.stiffness.diagonal<lie::SE3>()});
+    elements.push_back({poseAlong(actuator, s), actuator.stiffness.diagonal<lie::SE3>()});
   }
-  return solveEquilibrium(strands);
+  return solveEquilibrium(elements);
 }
 lie::Vector6 twistAt(const Section& section, double s, const Eigen::VectorXd& lengths) {
   return equilibriumAt(section, s).map * lengths;

@@ -1,8 +1,11 @@
 // The linear map against the pseudo-inverse in 80 digits, over the extremes an arm may be built
 // with.
 #include "helix_arm/model/equilibrium.hpp"
+
 #include <cstdio>
+
 #include <gtest/gtest.h>
+
 #include "support/expect_refusal.hpp"
 #include "support/high_precision_arm.hpp"
 #include "support/paper_arm.hpp"
@@ -16,7 +19,7 @@ using test::RealMatrix;
 
 struct Case {
   std::string name;
-  std::vector<Strand<lie::SE3>> strands;
+  std::vector<ActuatorElement<lie::SE3>> elements;
   int free_twist = -1;  // the entry of the twist that nothing resists
   int rank() const { return free_twist < 0 ? 6 : 5; }
   RealMatrix nullSpace() const {
@@ -25,11 +28,11 @@ struct Case {
   }
 };
 
-std::vector<Strand<lie::SE3>> ring(int count, double radius, double tilt,
-                                   const lie::SE3::Tangent& K) {
-  std::vector<Strand<lie::SE3>> strands;
-  for (int i = 0; i < count; ++i) strands.push_back({test::ringPose(i, count, radius, tilt), K});
-  return strands;
+std::vector<ActuatorElement<lie::SE3>> ring(int count, double radius, double tilt,
+                                            const lie::SE3::Tangent& K) {
+  std::vector<ActuatorElement<lie::SE3>> elements;
+  for (int i = 0; i < count; ++i) elements.push_back({test::ringPose(i, count, radius, tilt), K});
+  return elements;
 }
 
 lie::SE3::Tangent stiffness(double gamma, double tau, double kappa) {
@@ -37,7 +40,7 @@ lie::SE3::Tangent stiffness(double gamma, double tau, double kappa) {
 }
 
 // Two muscles in the x-y plane, without a turn of their frames: every zero of theirs is exact.
-std::vector<Strand<lie::SE3>> flatPair(double offset, const lie::SE3::Tangent& K) {
+std::vector<ActuatorElement<lie::SE3>> flatPair(double offset, const lie::SE3::Tangent& K) {
   return {{{Eigen::Matrix3d::Identity(), {0, offset, 0}}, K},
           {{Eigen::Matrix3d::Identity(), {0, -offset, 0}}, K}};
 }
@@ -88,17 +91,17 @@ TEST(Equilibrium, MatchesThePseudoInverseIn80Digits) {
   std::string worst_name;
   int arms = 0;
   for (const Case& c : cases()) {
-    const Equilibrium<lie::SE3> result = solveEquilibrium(c.strands);
+    const Equilibrium<lie::SE3> result = solveEquilibrium(c.elements);
     EXPECT_EQ(result.rank, c.rank()) << c.name;
     EXPECT_EQ(result.null_space.cols(), 6 - c.rank()) << c.name;
     EXPECT_GE(result.condition, 1.0) << c.name;
     const RealMatrix map = result.map.cast<Real>();
-    const RealMatrix reference = test::mapByDefinition(c.strands, c.nullSpace());
+    const RealMatrix reference = test::mapByDefinition(c.elements, c.nullSpace());
     const double v = blockError(map, reference, 0), w = blockError(map, reference, 3);
     EXPECT_LE(v, 1e-14) << c.name;
     // Muscles too stiff to bend over so short a lever: what little bending is left loses digits.
-    const double lever = c.strands.front().X_O.translation.norm();
-    const bool rigid = c.strands.front().K[5] > 1e8 * lever * lever;
+    const double lever = c.elements.front().X_O.translation.norm();
+    const bool rigid = c.elements.front().K[5] > 1e8 * lever * lever;
     EXPECT_LE(w, rigid ? 1e-11 : 1e-14) << c.name;
     if (std::max(v, w) > std::max(worst_v, worst_w)) worst_name = c.name;
     worst_v = std::max(worst_v, v);
@@ -112,16 +115,16 @@ TEST(Equilibrium, MatchesThePseudoInverseIn80Digits) {
 TEST(Equilibrium, EnergyGradientVanishesAtTheSolution) {
   test::Random random(51);
   for (const Case& c : cases()) {
-    if (c.strands.front().K[1] > 1e3 || c.strands.front().X_O.translation.norm() > 0.1) continue;
-    Eigen::VectorXd l(c.strands.size());
+    if (c.elements.front().K[1] > 1e3 || c.elements.front().X_O.translation.norm() > 0.1) continue;
+    Eigen::VectorXd l(c.elements.size());
     for (int i = 0; i < l.size(); ++i) l[i] = random.uniform(0.33, 0.43);
-    const lie::Vector6 g = solveEquilibrium(c.strands).map * l;
+    const lie::Vector6 g = solveEquilibrium(c.elements).map * l;
     lie::Vector6 gradient = lie::Vector6::Zero();
     double size = 0;
     for (int i = 0; i < l.size(); ++i) {
-      const lie::Matrix6 Ad_oi = c.strands[i].X_O.inverse().adjoint();
+      const lie::Matrix6 Ad_oi = c.elements[i].X_O.inverse().adjoint();
       const lie::Vector6 force =
-          c.strands[i].K.asDiagonal() * (Ad_oi * g - l[i] * lie::Vector6::Unit(0));
+          c.elements[i].K.asDiagonal() * (Ad_oi * g - l[i] * lie::Vector6::Unit(0));
       gradient += Ad_oi.transpose() * force;
       size += force.norm();
     }
@@ -134,15 +137,15 @@ TEST(Equilibrium, NullSpaceCostsNoEnergyAndIsNotInTheAnswer) {
   for (const Case& c : cases()) {
     if (c.rank() == 6) continue;
     ++singular;
-    const Equilibrium<lie::SE3> result = solveEquilibrium(c.strands);
+    const Equilibrium<lie::SE3> result = solveEquilibrium(c.elements);
     EXPECT_LT((result.null_space.transpose() * result.null_space -
                Eigen::MatrixXd::Identity(6 - c.rank(), 6 - c.rank()))
                   .norm(),
               1e-14);
     EXPECT_LT((result.null_space.transpose() * result.map).norm(), 1e-14) << c.name;
-    for (const auto& strand : c.strands) {
+    for (const auto& element : c.elements) {
       const Eigen::MatrixXd strain =
-          strand.K.cwiseSqrt().asDiagonal() * strand.X_O.inverse().adjoint() * result.null_space;
+          element.K.cwiseSqrt().asDiagonal() * element.X_O.inverse().adjoint() * result.null_space;
       EXPECT_LT(strain.norm(), 1e-14) << c.name;
     }
   }
@@ -179,11 +182,12 @@ TEST(Equilibrium, ReproducesTheHelicalArmOfErratum3) {
 }
 
 TEST(Equilibrium, RefusesWhatHasNoAnswer) {
-  const auto strands = ring(3, 0.03, 0, stiffness(10, 0, 1e-4));
-  auto negative = strands, nowhere = strands;
+  const auto elements = ring(3, 0.03, 0, stiffness(10, 0, 1e-4));
+  auto negative = elements, nowhere = elements;
   negative[1].K[3] = -1;
   nowhere[2].X_O.translation[0] = NAN;
-  test::expectRefusal("0 actuators", [] { solveEquilibrium(std::vector<Strand<lie::SE3>>{}); });
+  test::expectRefusal("0 actuators",
+                      [] { solveEquilibrium(std::vector<ActuatorElement<lie::SE3>>{}); });
   test::expectRefusal("25 actuators",
                       [] { solveEquilibrium(ring(25, 0.03, 0, stiffness(10, 0, 1e-4))); });
   test::expectRefusal("actuator 2", [&] { solveEquilibrium(negative); });

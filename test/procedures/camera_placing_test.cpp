@@ -31,7 +31,7 @@ struct Truth {
   lie::SE3 X_WC;
   model::Shape shape;
   estimation::ArmView view;
-  double bleed;
+  double border_shift;
 };
 
 Truth draw(const io::Scene& scene, Random& random, double errors) {
@@ -54,8 +54,8 @@ Truth draw(const io::Scene& scene, Random& random, double errors) {
         tag, errors * normals(random, scene.tag_prior.translation, scene.tag_prior.rotation),
         scene.arm.restLength(tag.section));
   }
-  truth.bleed = errors * scene.vision.fit.bleed_prior * random.normal();
-  truth.view.layout.size -= 2 * truth.bleed;
+  truth.border_shift = errors * scene.vision.fit.border_shift_prior * random.normal();
+  truth.view.layout.size -= 2 * truth.border_shift;
   return truth;
 }
 

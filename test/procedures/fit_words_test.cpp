@@ -85,9 +85,9 @@ TEST(FitWords, NameParametersAndGroups) {
   EXPECT_EQ(of({"K_tau", "length_scale"}, false),
             (Parameters{FitParameter::kTau, FitParameter::kLengthScale}));
   EXPECT_EQ(of({"placement"}, true),
-            (Parameters{FitParameter::kBase, FitParameter::kTags, FitParameter::kBleed}));
+            (Parameters{FitParameter::kBase, FitParameter::kTags, FitParameter::kBorderShift}));
   EXPECT_EQ(of({"placement"}, false), (Parameters{FitParameter::kBase, FitParameter::kTags}));
-  EXPECT_EQ(of({"bleed"}, false), Parameters{FitParameter::kBleed}) << "asked for by itself";
+  EXPECT_EQ(of({"bleed"}, false), Parameters{FitParameter::kBorderShift}) << "asked for by itself";
 }
 
 TEST(FitWords, OfNoParameterAreRefused) {

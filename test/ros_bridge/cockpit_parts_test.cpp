@@ -483,25 +483,25 @@ TEST(StripHistory, AxesHoldAllValuesInSteps) {
 constexpr double kLong = 60;    // no call of these tests lasts so long [s]
 constexpr double kShort = 0.1;  // [s]
 
-class CallDeskTest : public ::testing::Test {
+class ServiceCallerTest : public ::testing::Test {
  protected:
-  ~CallDeskTest() override { open_.set_value(); }
+  ~ServiceCallerTest() override { open_.set_value(); }
 
   // The answers once there are this many.
   std::vector<CallAnswer> answers(std::size_t count) {
     test::eventually(
         [&] {
-          for (CallAnswer& answer : desk_.take()) answers_.push_back(std::move(answer));
+          for (CallAnswer& answer : caller_.take()) answers_.push_back(std::move(answer));
           return answers_.size() >= count;
         },
         30);
     return answers_;
   }
-  static CallDesk::Call answering(bool success, const std::string& message) {
+  static ServiceCaller::Call answering(bool success, const std::string& message) {
     return [=] { return CallAnswer{"", success, message}; };
   }
   // A call that ends with the test.
-  CallDesk::Call hanging() {
+  ServiceCaller::Call hanging() {
     return [gate = gate_] {
       gate.wait();
       return CallAnswer{"", true, "late"};
@@ -510,58 +510,61 @@ class CallDeskTest : public ::testing::Test {
 
   std::promise<void> open_;
   const std::shared_future<void> gate_ = open_.get_future().share();
-  CallDesk desk_;
+  ServiceCaller caller_;
   std::vector<CallAnswer> answers_;
 };
 
-TEST_F(CallDeskTest, TellsTheAnswerOrWhatTheCallThrows) {
-  desk_.ask("Enable", kLong, answering(true, "enabled: follows targets"));
+TEST_F(ServiceCallerTest, TellsTheAnswerOrWhatTheCallThrows) {
+  caller_.ask("Enable", kLong, answering(true, "enabled: follows targets"));
   ASSERT_EQ(answers(1).size(), 1U);
   EXPECT_EQ(answers_[0].what, "Enable");
   EXPECT_TRUE(answers_[0].success);
   EXPECT_EQ(answers_[0].message, "enabled: follows targets");
-  desk_.ask("Vent", kLong, []() -> CallAnswer { throw std::runtime_error("no such service"); });
+  caller_.ask("Vent", kLong, []() -> CallAnswer { throw std::runtime_error("no such service"); });
   ASSERT_EQ(answers(2).size(), 2U);
   EXPECT_FALSE(answers_[1].success);
   EXPECT_EQ(answers_[1].message, "no such service");
 }
 
-TEST_F(CallDeskTest, CallsThatHangAreLimitedByName) {
-  for (int k = 0; k < CallDesk::kMostWaiting + 3; ++k) desk_.ask("Enable", kLong, hanging());
+TEST_F(ServiceCallerTest, CallsThatHangAreLimitedByName) {
+  for (int k = 0; k < ServiceCaller::kMostWaiting + 3; ++k) caller_.ask("Enable", kLong, hanging());
   const auto answers = this->answers(3);
   ASSERT_EQ(answers.size(), 3U);
   EXPECT_TRUE(test::has(answers[2].message, "earlier calls"));
-  desk_.ask("Vent", kLong, answering(true, ""));
+  caller_.ask("Vent", kLong, answering(true, ""));
   EXPECT_TRUE(this->answers(4).back().success);
 }
 
-TEST_F(CallDeskTest, KnowsWhichCallsWait) {
-  EXPECT_FALSE(desk_.waits("Enable"));
-  desk_.ask("Enable", kLong, hanging());
-  desk_.ask("Vent", kShort, hanging());
-  EXPECT_TRUE(desk_.waits("Enable"));
-  EXPECT_FALSE(desk_.waits("Release"));
+TEST_F(ServiceCallerTest, KnowsWhichCallsWait) {
+  EXPECT_FALSE(caller_.waits("Enable"));
+  caller_.ask("Enable", kLong, hanging());
+  caller_.ask("Vent", kShort, hanging());
+  EXPECT_TRUE(caller_.waits("Enable"));
+  EXPECT_FALSE(caller_.waits("Release"));
   ASSERT_EQ(this->answers(1).size(), 1U);
-  EXPECT_FALSE(desk_.waits("Vent")) << "given up on";
+  EXPECT_FALSE(caller_.waits("Vent")) << "given up on";
 }
 
 // A node that hung and was started again must still hear a stop.
-TEST_F(CallDeskTest, CallsGivenUpOnLeaveRoomForAnother) {
-  for (int k = 0; k < CallDesk::kMostWaiting; ++k) desk_.ask("Emergency stop", kShort, hanging());
-  ASSERT_EQ(this->answers(CallDesk::kMostWaiting).size(), std::size_t{CallDesk::kMostWaiting});
-  desk_.ask("Emergency stop", kLong, answering(true, "engaged"));
-  const auto answers = this->answers(CallDesk::kMostWaiting + 1);
-  ASSERT_EQ(answers.size(), std::size_t{CallDesk::kMostWaiting + 1});
+TEST_F(ServiceCallerTest, CallsGivenUpOnLeaveRoomForAnother) {
+  for (int k = 0; k < ServiceCaller::kMostWaiting; ++k)
+    caller_.ask("Emergency stop", kShort, hanging());
+  ASSERT_EQ(this->answers(ServiceCaller::kMostWaiting).size(),
+            std::size_t{ServiceCaller::kMostWaiting});
+  caller_.ask("Emergency stop", kLong, answering(true, "engaged"));
+  const auto answers = this->answers(ServiceCaller::kMostWaiting + 1);
+  ASSERT_EQ(answers.size(), std::size_t{ServiceCaller::kMostWaiting + 1});
   EXPECT_TRUE(answers.back().success) << answers.back().message;
 }
 
-TEST_F(CallDeskTest, ThreadsOfCallsThatHangAreBounded) {
+TEST_F(ServiceCallerTest, ThreadsOfCallsThatHangAreBounded) {
   std::size_t asked = 0;
   const auto few = [&] {
-    for (int k = 0; k < CallDesk::kMostWaiting; ++k, ++asked) desk_.ask("Vent", kShort, hanging());
+    for (int k = 0; k < ServiceCaller::kMostWaiting; ++k, ++asked)
+      caller_.ask("Vent", kShort, hanging());
     return this->answers(asked);
   };
-  for (int k = 0; k < CallDesk::kMostRunning / CallDesk::kMostWaiting; ++k) {
+  for (int k = 0; k < ServiceCaller::kMostRunning / ServiceCaller::kMostWaiting; ++k) {
     const auto answers = few();
     ASSERT_EQ(answers.size(), asked);
     EXPECT_TRUE(test::has(answers.back().message, "no answer within"));
@@ -569,29 +572,30 @@ TEST_F(CallDeskTest, ThreadsOfCallsThatHangAreBounded) {
   EXPECT_TRUE(test::has(few().back().message, "too many calls hang"));
 }
 
-TEST_F(CallDeskTest, EveryFailureHasTheRemedyAndSuccessHasNone) {
-  desk_.ask("Stop", kShort, hanging(), "by hand");
+TEST_F(ServiceCallerTest, EveryFailureHasTheRemedyAndSuccessHasNone) {
+  caller_.ask("Stop", kShort, hanging(), "by hand");
   auto late = answers(1);
   EXPECT_FALSE(late.back().answered);
   EXPECT_EQ(late.back().remedy, "by hand");
-  desk_.ask("Stop", kLong, answering(false, "no"), "by hand");
+  caller_.ask("Stop", kLong, answering(false, "no"), "by hand");
   EXPECT_TRUE(answers(2).back().answered);
   EXPECT_EQ(answers(2).back().remedy, "by hand");
-  desk_.ask(
+  caller_.ask(
       "Stop", kLong, []() -> CallAnswer { throw std::runtime_error("cut off"); }, "by hand");
   EXPECT_EQ(answers(3).back().remedy, "by hand");
-  desk_.ask("Stop", kLong, answering(true, "yes"), "by hand");
+  caller_.ask("Stop", kLong, answering(true, "yes"), "by hand");
   EXPECT_EQ(answers(4).back().remedy, "");
-  for (int k = 0; k <= CallDesk::kMostWaiting; ++k) desk_.ask("Many", kLong, hanging(), "by hand");
+  for (int k = 0; k <= ServiceCaller::kMostWaiting; ++k)
+    caller_.ask("Many", kLong, hanging(), "by hand");
   EXPECT_EQ(answers(5).back().remedy, "by hand") << "refused, since too many wait";
 }
 
-TEST_F(CallDeskTest, ItsEndDoesNotWaitForACall) {
+TEST_F(ServiceCallerTest, ItsEndDoesNotWaitForACall) {
   const auto before = std::chrono::steady_clock::now();
   std::promise<void> ended;
   {
-    CallDesk desk;
-    desk.ask("Enable", kLong, [gate = gate_, &ended] {
+    ServiceCaller caller;
+    caller.ask("Enable", kLong, [gate = gate_, &ended] {
       gate.wait();
       ended.set_value();
       return CallAnswer{"", true, "late"};

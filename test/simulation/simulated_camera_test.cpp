@@ -283,9 +283,9 @@ using estimation::Camera;
 
 enum class Paper { kNone, kBlack, kWhite };
 
-// What the definition says is printed at (u, v) of a tag's plane [m]; white reaches `bleed` into
-// black.
-Paper paperAt(const cv::Mat& cells, int quiet, double u, double v, double bleed) {
+// What the definition says is printed at (u, v) of a tag's plane [m]; white reaches `border shift`
+// into black.
+Paper paperAt(const cv::Mat& cells, int quiet, double u, double v, double border_shift) {
   const double cell = kTagSize / (cells.cols - 2 * quiet);
   const auto colour = [&](double x, double y) {
     const int column = static_cast<int>(std::floor(x / cell + 0.5 * cells.cols));
@@ -294,9 +294,9 @@ Paper paperAt(const cv::Mat& cells, int quiet, double u, double v, double bleed)
     return cells.at<uchar>(row, column) != 0 ? Paper::kWhite : Paper::kBlack;
   };
   const Paper here = colour(u, v);
-  if (here != Paper::kBlack || bleed == 0) return here;
-  for (const double du : {-bleed, bleed}) {
-    for (const double dv : {-bleed, bleed}) {
+  if (here != Paper::kBlack || border_shift == 0) return here;
+  for (const double du : {-border_shift, border_shift}) {
+    for (const double dv : {-border_shift, border_shift}) {
       if (colour(u + du, v + dv) == Paper::kWhite) return Paper::kWhite;
     }
   }
@@ -309,7 +309,7 @@ struct Coverage {
 
 // By brute force: rays through 16 x 16 points of the pixel.
 Coverage coverageOf(const Camera& camera, const lie::SE3& X_CT, const cv::Mat& cells, int quiet,
-                    int px, int py, double bleed) {
+                    int px, int py, double border_shift) {
   constexpr int kPoints = 16;
   int white = 0, card = 0;
   for (int i = 0; i < kPoints * kPoints; ++i) {
@@ -320,7 +320,7 @@ Coverage coverageOf(const Camera& camera, const lie::SE3& X_CT, const cv::Mat& c
     const Eigen::Vector3d normal = X_CT.rotation.col(2);
     const double z = normal.dot(X_CT.translation) / normal.dot(ray);
     const Eigen::Vector3d p_T = X_CT.inverse() * Eigen::Vector3d(z * ray);
-    const Paper paper = paperAt(cells, quiet, p_T.x(), p_T.y(), bleed);
+    const Paper paper = paperAt(cells, quiet, p_T.x(), p_T.y(), border_shift);
     white += paper == Paper::kWhite;
     card += paper != Paper::kNone;
   }
@@ -358,12 +358,12 @@ double edgeMotion(const Pixels& pixels, const Eigen::Vector2d& middle, int reach
 // Pixels wholly on the card are black + (white - black) * white area; both levels are taken from
 // the picture. The sampled areas are good to half a row of points, 1/32.
 // @param motion  of edges, at most [px]: of those along rows of points the areas tell less.
-void expectExactPixels(const Camera& camera, const lie::SE3& X_CT, double bleed,
+void expectExactPixels(const Camera& camera, const lie::SE3& X_CT, double border_shift,
                        double motion = INFINITY) {
   const vision::TagFamily family("36h11");
   const cv::Mat cells = family.cells(0);
   auto config = sharpConfig();
-  config.bleed = bleed;
+  config.border_shift = border_shift;
   const cv::Mat picture = photograph(studio(camera, {X_CT}), config);
   const auto middle = camera.project(X_CT.translation);
   ASSERT_TRUE(middle);
@@ -375,7 +375,7 @@ void expectExactPixels(const Camera& camera, const lie::SE3& X_CT, double bleed,
        y < std::min(camera.height, static_cast<int>(middle->y()) + reach); ++y) {
     for (int x = std::max(0, static_cast<int>(middle->x()) - reach);
          x < std::min(camera.width, static_cast<int>(middle->x()) + reach); ++x) {
-      const Coverage c = coverageOf(camera, X_CT, cells, family.quietCells(), x, y, bleed);
+      const Coverage c = coverageOf(camera, X_CT, cells, family.quietCells(), x, y, border_shift);
       if (c.card < 1) continue;
       const double gray = picture.at<uchar>(y, x);
       inside[{x, y}] = {c.white, gray};

@@ -37,12 +37,12 @@ TEST(StiffnessTable, TwistAndComplianceAreTheEquilibriumOfThatStiffness) {
   for (int i = 0; i < 20; ++i) {
     const Eigen::VectorXd q = test::randomInput(arm, random);
     const model::Unloaded found = unloadedUnder(arm, load, q);
-    std::vector<model::Strand<lie::SE3>> strands;
+    std::vector<model::ActuatorElement<lie::SE3>> elements;
     for (int j = 0; j < 3; ++j) {
-      strands.push_back(
+      elements.push_back(
           {arm.actuator(j).X_O, kTable.at(q[j]) * arm.actuator(j).stiffness.diagonal<lie::SE3>()});
     }
-    const auto expected = model::solveEquilibrium(strands);
+    const auto expected = model::solveEquilibrium(elements);
     EXPECT_LT((found.twists.col(0) - expected.map * arm.lengths(q)).norm(), 1e-10);
     const lie::Matrix6 C = arm.freeLength(0) / load.K_eps[0] * expected.compliance;
     EXPECT_LT((found.compliance - C).norm(), 1e-10 * C.norm());

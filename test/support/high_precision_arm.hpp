@@ -19,13 +19,13 @@ inline RealMatrix adjointInverse(const lie::SE3& X) {
 
 /// A+ D with A and D summed as eq. 15-17 print them. Where A is singular its null space N is known
 /// beforehand, and A+ = (A + N N')^-1 - N N'.
-inline RealMatrix mapByDefinition(const std::vector<model::Strand<lie::SE3>>& strands,
+inline RealMatrix mapByDefinition(const std::vector<model::ActuatorElement<lie::SE3>>& elements,
                                   const RealMatrix& N) {
-  const int n = static_cast<int>(strands.size());
+  const int n = static_cast<int>(elements.size());
   RealMatrix A = N * N.transpose(), D = RealMatrix::Zero(6, n);
   for (int i = 0; i < n; ++i) {
-    const RealMatrix Ad_oi = adjointInverse(strands[i].X_O),
-                     K = strands[i].K.asDiagonal().toDenseMatrix().cast<Real>();
+    const RealMatrix Ad_oi = adjointInverse(elements[i].X_O),
+                     K = elements[i].K.asDiagonal().toDenseMatrix().cast<Real>();
     A += Ad_oi.transpose() * K * Ad_oi;
     D.col(i) = Ad_oi.transpose() * K.col(0);
   }
@@ -48,15 +48,15 @@ inline RealMatrix twistsByDefinition(const model::Arm& arm, const Eigen::VectorX
                                      const RealMatrix& N) {
   RealMatrix out(6, arm.sectionCount());
   for (int k = 0; k < arm.sectionCount(); ++k) {
-    std::vector<model::Strand<lie::SE3>> strands;
+    std::vector<model::ActuatorElement<lie::SE3>> elements;
     RealMatrix lengths(arm.firstActuator(k + 1) - arm.firstActuator(k), 1);
     for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
       const model::Actuator& actuator = arm.actuator(i);
-      strands.push_back({actuator.X_O, actuator.stiffness.diagonal<lie::SE3>()});
+      elements.push_back({actuator.X_O, actuator.stiffness.diagonal<lie::SE3>()});
       lengths(i - arm.firstActuator(k), 0) =
           Real(actuator.contraction.restLength()) + changeByDefinition(actuator.contraction, q[i]);
     }
-    out.col(k) = mapByDefinition(strands, N) * lengths;
+    out.col(k) = mapByDefinition(elements, N) * lengths;
   }
   return out;
 }

@@ -13,7 +13,7 @@ struct RigTruth {
   double length_scale;                       ///< of its free lengths over those that are known
   lie::SE3 X_B0B;                            ///< true base seen from where it is thought to be
   estimation::ArmView view;                  ///< true; its layout has the true placements
-  double bleed;                              ///< [m]
+  double border_shift;                       ///< [m]
   std::map<std::string, double> parameters;  ///< by the names that a calibration gives them
 };
 
@@ -22,19 +22,19 @@ struct RigErrors {
   double K_kappa = 0, K_gamma = 0, length_scale = 0;  ///< of logs
   double base_translation = 0, base_rotation = 0;     ///< [m], [rad]
   double tag_translation = 0, tag_rotation = 0;       ///< [m], [rad]
-  double bleed = 0;                                   ///< [m]
+  double border_shift = 0;                            ///< [m]
   double K_tau = 0;                                   ///< of its log
 };
 
 /// Everything of a rig is fitted, to readings without noise; priors hardly hold anything.
 inline estimation::CalibrationOptions everythingFromExactReadings(double corner_noise) {
   estimation::CalibrationOptions options;
-  options.base = options.tags = options.bleed = true;
+  options.base = options.tags = options.border_shift = true;
   options.length_scale = estimation::LengthScaling::kCommon;
   options.stiffness_prior = 10;
   options.length_scale_prior = 1;
   options.tag_prior = {0.1, 1};
-  options.bleed_prior = 0.1;
+  options.border_shift_prior = 0.1;
   options.corner_noise = corner_noise;
   options.corner_floor = 0;
   options.held_out = false;
@@ -51,14 +51,14 @@ inline RigTruth drawRig(const model::Arm& known, const estimation::ArmView& view
                  std::exp(errors.length_scale * random.normal()),
                  {},
                  view,
-                 errors.bleed * random.normal(),
+                 errors.border_shift * random.normal(),
                  {}};
   auto& parameters = truth.parameters;
   parameters["K_kappa"] = stiffness.kappa;
   parameters["K_gamma"] = stiffness.gamma;
   parameters["K_tau"] = stiffness.tau;
   parameters["length_scale"] = truth.length_scale;
-  parameters["bleed"] = truth.bleed;
+  parameters["bleed"] = truth.border_shift;
   const char* const base_names[] = {"x", "y", "z", "rx", "ry", "rz"};
   const char* const tag_names[] = {"along", "y", "z", "rx", "ry", "rz"};
   lie::Vector6 base;
@@ -91,7 +91,7 @@ inline std::vector<estimation::CornerObservation> observe(const RigTruth& truth,
                                                           const Eigen::VectorXd& pressure,
                                                           double noise, Random& random) {
   estimation::ArmView shrunk = truth.view;
-  shrunk.layout.size -= 2 * truth.bleed;
+  shrunk.layout.size -= 2 * truth.border_shift;
   return observe(truth.view, estimation::visibleTags(shrunk, shapeOf(truth, pressure), 0.3), noise,
                  random);
 }

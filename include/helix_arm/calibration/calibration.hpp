@@ -38,7 +38,7 @@ struct Capture {
   Eigen::VectorXd pressure;  ///< (actuators) gauge, within the limits [Pa]
   Reading reading;
   std::optional<double> time = std::nullopt;  ///< on the clock of a series of the arm [s]
-  std::optional<statics::PointLoad> hung = std::nullopt;  ///< on the arm, beside its own load
+  std::optional<statics::PointLoad> payload = std::nullopt;  ///< on the arm, beside its own load
 };
 
 /// A contraction curve that is fitted together with the arm.
@@ -66,7 +66,7 @@ struct ArmCaptures {
   /// Whether the tier accounts for a load on the arm, or more hangs on it in any capture.
   bool isLoaded() const;
   /// The arm without captures, under its own load and what hangs on it; requires a load.
-  ArmCaptures under(const std::optional<statics::PointLoad>& hung) const;
+  ArmCaptures under(const std::optional<statics::PointLoad>& payload) const;
 };
 
 /// Quantities that can be fitted, in the order of fitParameters(), which is that of messages and
@@ -86,9 +86,9 @@ enum class FitParameter {
   kRingPhase,
   kBase,
   kTags,
-  kBleed,
+  kBorderShift,
 };
-constexpr int kFitParameterCount = static_cast<int>(FitParameter::kBleed) + 1;  ///< how many
+constexpr int kFitParameterCount = static_cast<int>(FitParameter::kBorderShift) + 1;  ///< how many
 
 /// Blocks of the least-squares problem, which contain the numbers of the parameters.
 enum class ParameterBlock {
@@ -96,7 +96,7 @@ enum class ParameterBlock {
   kLengthScale,  ///< logs of all length scales
   kStrokeScale,  ///< logs of the stroke scales of all actuators
   kBase,
-  kBleed,
+  kBorderShift,
   kTag,    ///< placement of one tag
   kCurve,  ///< numbers of a FreeCurve, of unit variance by its free lengths; not of a request
   kShape,  ///< twists of one capture; not a parameter of a request
@@ -120,9 +120,9 @@ struct CalibrationOptions {
   bool stroke_scale = false;
   bool contraction = false;  ///< FreeCurve of the arms, under what the free lengths say
   bool base = false;         ///< pose of the base seen from the camera or instrument
-  bool tags = false;   ///< placement of every tag except the one nearest to the base, which defines
-                       ///< the reference frame
-  bool bleed = false;  ///< width of white bleeding into black; requires corners
+  bool tags = false;  ///< placement of every tag except the one nearest to the base, which defines
+                      ///< the reference frame
+  bool border_shift = false;  ///< width of white bleeding into black; requires corners
   /// Fit the twists of every capture instead of using the model's shapes, for placements that do
   /// not depend on the model. Cannot be combined with stiffness and scales, which free shapes do
   /// not determine.
@@ -143,8 +143,8 @@ struct CalibrationOptions {
   double stroke_scale_prior = 0.05;  ///< likewise
   BasePrior base_prior{0.1, 0.5};
   TagPrior tag_prior;
-  double bleed_prior = 0.0005;  ///< [m]
-  ModelPrior model_prior;       ///< prior of free shapes
+  double border_shift_prior = 0.0005;  ///< [m]
+  ModelPrior model_prior;              ///< prior of free shapes
 
   /// Standard errors and everything that follows from them: verdicts, correlations, combinations,
   /// gains, held-out fits and suggestions. Without, the fit takes the least time, and every
@@ -284,7 +284,7 @@ struct Calibration {
   std::optional<CurveTest> curve_test;  ///< of the FreeCurve, with errors
   lie::SE3 X_B0B;                       ///< fitted base seen from the nominal base
   TagLayout layout;                     ///< with the fitted placements
-  double bleed = 0;                     ///< [m]
+  double border_shift = 0;              ///< [m]
   /// (captures of all arms) mean twists, predicted by the fits without their pressure; empty
   /// without held-out fits.
   std::vector<model::Twists> held_out_shapes;
@@ -310,8 +310,8 @@ struct Calibration {
 /// Maximum-likelihood estimate of stiffness, length scales, base and placements, in one robust
 /// least-squares fit of all captures.
 ///
-/// Several arms share stiffness and length scales. Base, tags and bleed can only be fitted for a
-/// single arm.
+/// Several arms share stiffness and length scales. Base, tags and border shift can only be fitted
+/// for a single arm.
 /// @throws std::invalid_argument if the options break their rules. Faults of the data are reported
 ///     in the status.
 Calibration calibrate(const std::vector<ArmCaptures>& arms, const CalibrationOptions& options);

@@ -69,7 +69,7 @@ struct FitParameterInfo {
   bool aboutShape() const;
   /// Whether its block holds nothing else, unlike those of stiffness and length scales.
   bool hasOwnBlock() const { return aboutRig() || each_actuator; }
-  /// Whether it describes the rig: base, tags and bleed.
+  /// Whether it describes the rig: base, tags and border shift.
   bool aboutRig() const;
 };
 

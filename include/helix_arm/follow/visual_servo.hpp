@@ -14,7 +14,7 @@
 #include "helix_arm/statics/inverse.hpp"
 #include "helix_arm/tracking/arm_filter.hpp"
 #include "helix_arm/tracking/error_budget.hpp"
-#include "helix_arm/tracking/load_forks.hpp"
+#include "helix_arm/tracking/onset_hypotheses.hpp"
 #include "helix_arm/tracking/response_estimator.hpp"
 
 namespace helix_arm::follow {
@@ -100,7 +100,7 @@ class VisualServo {
   /// Reaction while something touches the arm, from now on.
   void setOnContact(OnContact reaction);
   /// Whether nothing counts as the begin of a contact, so that quiet() shows what would: see
-  /// estimation::LoadForks::ignoreContacts().
+  /// estimation::OnsetHypotheses::ignoreContacts().
   void ignoreContacts(bool ignores);
   /// Whether the arm is known not to move as its model says: no contact is looked for then, and one
   /// that was found ends.

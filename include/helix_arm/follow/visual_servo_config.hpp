@@ -55,7 +55,7 @@ struct VisualServoConfig {
   /// How the arm is seen, for its error budget and its loads; nothing: placements count as exact,
   /// and shapes as the mean of the strain.
   std::optional<estimation::PlacedView> placed = {};
-  estimation::LoadForksOptions contact;       ///< what counts as contact
+  estimation::OnsetOptions contact;           ///< what counts as contact
   OnContact on_contact = OnContact::kReport;  ///< may change with each target
   /// A yielding arm that is seen to be touched for longer takes the load as its own, > 0 [s].
   double yield_timeout = 30.0;

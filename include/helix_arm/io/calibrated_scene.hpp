@@ -35,7 +35,7 @@ struct SceneCalibration {
   /// Placements of the same tags; the tag size is ignored.
   std::optional<estimation::TagLayout> tags;
   /// Values of other fitted parameters: stroke scales (actuators), factors on those of the scene or
-  /// of the new curves; the bleed (1), by which tags look smaller at each edge [m].
+  /// of the new curves; the border shift (1), by which tags look smaller at each edge [m].
   std::map<estimation::FitParameter, Eigen::VectorXd> numbers;
   /// Fitted curves that replace those of the same names, with the length scales that these had.
   std::vector<std::pair<std::string, estimation::ContractionFit>> contractions;

@@ -19,10 +19,10 @@ struct ShapePrior {
 
 /// Assumptions of placeCamera().
 struct CameraPlacementOptions {
-  double corner_noise = 0.3;    ///< expected standard deviation of a corner's coordinate [px]
-  TagPrior tag_prior;           ///< of every tag except the one nearest to the base
-  ShapePrior shape_prior;       ///< of the arm
-  double bleed_prior = 0.0005;  ///< standard deviation of the width of white bleeding [m]
+  double corner_noise = 0.3;  ///< expected standard deviation of a corner's coordinate [px]
+  TagPrior tag_prior;         ///< of every tag except the one nearest to the base
+  ShapePrior shape_prior;     ///< of the arm
+  double border_shift_prior = 0.0005;  ///< standard deviation of the width of white bleeding [m]
   /// Robust threshold in expected standard deviations (Cauchy loss, per tag): beyond it a tag
   /// loses weight and is an outlier.
   double robust_scale = 3.5;
@@ -45,11 +45,11 @@ struct CameraPlacement {
   PlacementStatus status = PlacementStatus::kTooFewTags;
   lie::SE3 X_CB;  ///< the arm's base seen from the camera
   /// Covariance of the error xi [v; w] of X_CB = X_CB_true exp(xi) [m, rad]: of a motion of the
-  /// base, seen from the base. It includes the priors of placements, shape and bleed, and the noise
-  /// of the corners; it grows with the residuals if these are larger than expected.
+  /// base, seen from the base. It includes the priors of placements, shape and border shift, and
+  /// the noise of the corners; it grows with the residuals if these are larger than expected.
   lie::Matrix6 covariance = lie::Matrix6::Zero();
-  double bleed = 0;      ///< [m]
-  model::Twists twists;  ///< (6 x sections) fitted mean twists, v [m], w [rad]
+  double border_shift = 0;  ///< [m]
+  model::Twists twists;     ///< (6 x sections) fitted mean twists, v [m], w [rad]
   /// Largest deviation of an entry of the twists from the model's, in standard deviations of its
   /// prior.
   double shape_deviations = 0;
@@ -61,8 +61,8 @@ struct CameraPlacement {
 };
 
 /// Maximum a posteriori estimate of the camera's pose, together with the displacements of the tags,
-/// the arm's shape and the bleed under their priors. The tag nearest to the base counts as exact:
-/// it defines the base.
+/// the arm's shape and the border shift under their priors. The tag nearest to the base counts as
+/// exact: it defines the base.
 ///
 /// @param arm    only its rest lengths are used, for the prior of the shape.
 /// @param shape  the model's shape, which the prior is about.

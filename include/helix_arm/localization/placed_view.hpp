@@ -36,7 +36,7 @@ struct PlacedView {
 ///
 /// With x the fit's parameters, C the corners' derivative by x, D that by the placements and W the
 /// weights, x errs by (C' W C)^-1 C' W D d for placements that err by d. Priors of the fit are part
-/// of C' W C; a free base and a free bleed are part of x.
+/// of C' W C; a free base and a free border shift are part of x.
 ///
 /// @param shape  the arm's, seen from the base.
 /// @param tags   indices of the fitted tags, each once.
@@ -53,8 +53,8 @@ std::optional<Eigen::MatrixXd> placementDifference(const PlacedView& placed, con
                                                    const std::vector<int>& tags,
                                                    const std::vector<int>& others);
 
-/// Covariance of what errors of the placements make of base and bleed, as far as they are fitted,
-/// in a fit without priors of them. Arguments, result and exceptions as above.
+/// Covariance of what errors of the placements make of base and border shift, as far as they are
+/// fitted, in a fit without priors of them. Arguments, result and exceptions as above.
 std::optional<RigEstimate::Matrix> rigByPlacements(const PlacedView& placed, const model::Arm& arm,
                                                    const model::Shape& shape,
                                                    const std::vector<int>& tags);

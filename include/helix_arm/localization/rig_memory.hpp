@@ -8,16 +8,16 @@
 
 namespace helix_arm::estimation {
 
-/// Learns base and bleed from pictures, in which they are constant while the arm moves.
+/// Learns base and border shift from pictures, in which they are constant while the arm moves.
 ///
 /// A fit that frees them anew in every picture takes half of what a force does to the arm for a
 /// motion of its base. Pictures of different shapes tell the two apart: each picture whose shape is
 /// a new one teaches. Once noise contributes at most kSurest of the priors' deviations, the
 /// estimate is held: it changes slowly while the arm moves, as the camera may be pushed.
 ///
-/// Errors of the placements do not average out. With z the base and bleed for which the pictures
-/// speak, P0 the priors' covariance and Q that of z's errors by placements, the estimate is
-/// P0 (P0 + Q)^-1 z once noise is negligible: no farther from the nominal values than placements
+/// Errors of the placements do not average out. With z the base and border shift for which the
+/// pictures speak, P0 the priors' covariance and Q that of z's errors by placements, the estimate
+/// is P0 (P0 + Q)^-1 z once noise is negligible: no farther from the nominal values than placements
 /// leave reason for.
 class RigMemory {
  public:

@@ -38,7 +38,7 @@ struct ModelPrior {
 
 struct TwistFitOptions;
 
-/// Estimate of base and bleed, which stay as they are while the arm moves.
+/// Estimate of base and border shift, which stay as they are while the arm moves.
 struct RigEstimate {
   using Vector = Eigen::Matrix<double, 7, 1>;
   using Matrix = Eigen::Matrix<double, 7, 7>;
@@ -46,8 +46,9 @@ struct RigEstimate {
   /// The priors of the options: nominal, with their deviations.
   explicit RigEstimate(const TwistFitOptions& options);
 
-  Vector mean = Vector::Zero();  ///< [v; w; bleed]: log of the base seen from the nominal base
-  Matrix covariance;             ///< positive definite [m, rad, m]
+  Vector mean =
+      Vector::Zero();  ///< [v; w; border shift]: log of the base seen from the nominal base
+  Matrix covariance;   ///< positive definite [m, rad, m]
 };
 
 /// Noise that is expected, and what is fitted besides the twists.
@@ -64,8 +65,8 @@ struct TwistFitOptions {
   bool free_base = false;  ///< fit the base as well, under its prior
   BasePrior base_prior;
   bool free_bleed = false;  ///< fit the width of white bleeding into black as well, under its prior
-  double bleed_prior = 0.0005;  ///< standard deviation of the bleed [m]
-  int max_iterations = 50;      ///< of the Levenberg-Marquardt method
+  double border_shift_prior = 0.0005;  ///< standard deviation of the border shift [m]
+  int max_iterations = 50;             ///< of the Levenberg-Marquardt method
 
   /// @throws std::invalid_argument naming the value and its rule.
   void validate() const;
@@ -116,13 +117,13 @@ struct TwistFit {
   /// chi-square_0.95(3). Includes the uncertainty of a free base, and how the tip's path bends
   /// within the errors of the twists.
   Eigen::Matrix3d tip_covariance = Eigen::Matrix3d::Zero();
-  /// Base and bleed with what these tags tell of them, in addition to what was known. Entries that
-  /// the options do not free are as known.
+  /// Base and border shift with what these tags tell of them, in addition to what was known.
+  /// Entries that the options do not free are as known.
   RigEstimate rig{TwistFitOptions()};
-  lie::SE3 X_B0B;    ///< fitted base seen from the nominal base; identity if fixed
-  double bleed = 0;  ///< [m]
-  double rms = 0;    ///< over the tags that fit: corners [px] or positions [m]
-  double cost = 0;   ///< robust objective, in units of expected variances
+  lie::SE3 X_B0B;           ///< fitted base seen from the nominal base; identity if fixed
+  double border_shift = 0;  ///< [m]
+  double rms = 0;           ///< over the tags that fit: corners [px] or positions [m]
+  double cost = 0;          ///< robust objective, in units of expected variances
   int iterations = 0;
   std::vector<TagResidual> tags;
 
@@ -149,7 +150,7 @@ class TwistFitter {
   const TagLayout& layout() const;
   const TwistFitOptions& options() const;
 
-  /// Sets the estimate of base and bleed before the next fits, instead of the priors of the
+  /// Sets the estimate of base and border shift before the next fits, instead of the priors of the
   /// options.
   /// @throws std::invalid_argument if it is not finite or its covariance not positive definite.
   void know(const RigEstimate& rig);

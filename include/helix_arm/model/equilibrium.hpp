@@ -10,7 +10,7 @@ inline constexpr int kMaxActuators = 24;
 
 /// The data of one actuator that the equilibrium needs: its pose and stiffness.
 template <class Group>
-struct Strand {
+struct ActuatorElement {
   Group X_O;                  ///< pose in the base-curve frame
   typename Group::Tangent K;  ///< diagonal of the normalised stiffness, v first; entries >= 0
 };
@@ -37,9 +37,9 @@ struct Equilibrium {
 /// The stack of K_i^1/2 Ad_i^-1 is scaled to one unit of length, its rows are sorted by size, and
 /// it is factored with column pivoting.
 ///
-/// @param strands  (n) one per actuator, 1 <= n <= kMaxActuators, at least one with stiffness.
-/// @throws std::invalid_argument naming the strand and the rule it breaks.
+/// @param elements  (n) one per actuator, 1 <= n <= kMaxActuators, at least one with stiffness.
+/// @throws std::invalid_argument naming the element and the rule it breaks.
 template <class Group>
-Equilibrium<Group> solveEquilibrium(const std::vector<Strand<Group>>& strands);
+Equilibrium<Group> solveEquilibrium(const std::vector<ActuatorElement<Group>>& elements);
 
 }  // namespace helix_arm::model

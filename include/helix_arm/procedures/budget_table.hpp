@@ -3,7 +3,7 @@
 #include <string>
 
 #include "helix_arm/tracking/error_budget.hpp"
-#include "helix_arm/tracking/load_forks.hpp"
+#include "helix_arm/tracking/onset_hypotheses.hpp"
 
 namespace helix_arm::procedures {
 

@@ -52,10 +52,11 @@ enum class OutsideLimits { kFault, kKept };
 /// there.
 /// @throws DocumentError with all faults: an arm without K_eps, a mass without gravity, a place off
 /// the arm, another load than the scene has there, a load that changes within a capture.
-std::map<int, statics::PointLoad> hungOf(const io::Scene& scene, const io::DataSet& data);
+std::map<int, statics::PointLoad> payloadsOf(const io::Scene& scene, const io::DataSet& data);
 
 /// The scene's model, under what hangs on the arm as well.
-statics::ArmModel modelUnder(const io::Scene& scene, const std::optional<statics::PointLoad>& hung);
+statics::ArmModel modelUnder(const io::Scene& scene,
+                             const std::optional<statics::PointLoad>& payload);
 
 /// Loads the curvatures, tag poses or tag corners of a data set of a scene's arm. Poses are seen
 /// from its base; corners are undistorted with its camera. Rows of curvatures are numbered from 1.

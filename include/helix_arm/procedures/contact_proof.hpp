@@ -7,7 +7,7 @@
 #include "helix_arm/control/tip_path.hpp"
 #include "helix_arm/follow/visual_servo_config.hpp"
 #include "helix_arm/io/scene.hpp"
-#include "helix_arm/tracking/load_forks.hpp"
+#include "helix_arm/tracking/onset_hypotheses.hpp"
 
 namespace helix_arm::procedures {
 

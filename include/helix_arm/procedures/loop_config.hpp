@@ -17,8 +17,8 @@ namespace helix_arm::procedures {
 follow::VisualServoConfig loopConfigOf(const io::Scene& scene);
 
 /// How pictures of the scene's arm are searched and fitted where they come one after another: base
-/// and bleed, as far as they are fitted, are learnt over the pictures. The base's prior is that of
-/// the scene, or the standard error of a calibration that found it.
+/// and border shift, as far as they are fitted, are learnt over the pictures. The base's prior is
+/// that of the scene, or the standard error of a calibration that found it.
 vision::LocalizerConfig localizerConfigOf(const io::Scene& scene);
 
 /// Warning of that configuration before the arm moves; empty if nothing.

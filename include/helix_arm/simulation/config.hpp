@@ -56,11 +56,11 @@ struct ArmDeviation {
 
 /// Imperfections of a simulated camera.
 struct SimulatedCameraConfig {
-  double blur = 0.7;      ///< standard deviation of the lens and sensor, >= 0 [px]
-  double noise = 2.0;     ///< standard deviation, >= 0 [gray levels]
-  double exposure = 1.0;  ///< factor on every gray level before it saturates, > 0
-  double bleed = 0.0;     ///< width by which white bleeds into black at each edge [m]
-  int jpeg_quality = 90;  ///< 1 to 100
+  double blur = 0.7;          ///< standard deviation of the lens and sensor, >= 0 [px]
+  double noise = 2.0;         ///< standard deviation, >= 0 [gray levels]
+  double exposure = 1.0;      ///< factor on every gray level before it saturates, > 0
+  double border_shift = 0.0;  ///< width by which white bleeds into black at each edge [m]
+  int jpeg_quality = 90;      ///< 1 to 100
   /// Number of objects in the background, some with edges like those of tags, >= 0.
   int clutter = 0;
   int occluders = 0;  ///< number of bars that move through the picture in front of the arm, >= 0

@@ -77,7 +77,7 @@ class ModeEstimator {
   Eigen::VectorXd last_measured_, measured_;  // (d) the latter behind the high-pass filter
   Eigen::ArrayXXd output_, cross_, power_;    // (K x d) weighted sums
   Eigen::ArrayXd energy_;                     // (d) of the measurement
-  Eigen::ArrayXd misfit_;                     // (K) of the energy
+  Eigen::ArrayXd residual_;                   // (K) of the energy
   Eigen::MatrixXd beyond_;                    // of its modes, lengths less their goals
   Eigen::VectorXd possible_;                  // (n)
   double weight_ = 0.0;                       // of pictures

@@ -30,9 +30,9 @@ struct ArmFilterOptions {
   void validate() const;
 };
 
-/// Assumptions of LoadForks. Forces are those on an arm of TipCompliance::kTypicalStiffness; on
-/// another they are in proportion to its K_eps.
-struct LoadForksOptions {
+/// Assumptions of OnsetHypotheses. Forces are those on an arm of TipCompliance::kTypicalStiffness;
+/// on another they are in proportion to its K_eps.
+struct OnsetOptions {
   /// Score beyond which something touches the arm, > 0. A lower one finds lighter contacts, and
   /// more that are none.
   double limit = 32.0;

@@ -52,7 +52,7 @@ class ArmLocalizer {
   /// @throws std::invalid_argument on a picture of another size or type.
   const Observation& locate(const cv::Mat& gray, const model::Shape& model);
 
-  /// Forgets the last picture. What was learnt of base and bleed stays.
+  /// Forgets the last picture. What was learnt of base and border shift stays.
   void reset();
   /// Forgets the last picture, and what was learnt.
   void forget();

@@ -54,7 +54,7 @@ struct LocalizerConfig {
   DetectorConfig detector;
   TrackingMode tracking = TrackingMode::kEdges;
   estimation::TwistFitOptions fit;
-  /// If set, base and bleed, as far as they are fitted, are learnt over the pictures
+  /// If set, base and border shift, as far as they are fitted, are learnt over the pictures
   /// (estimation::RigMemory); else they are fitted anew in each. The covariance of what errors of
   /// the placements make of them, see estimation::rigByPlacements().
   std::optional<estimation::RigEstimate::Matrix> rig_by_placements = {};

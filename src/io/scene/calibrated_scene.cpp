@@ -365,7 +365,7 @@ void putCalibration(const Scene& scene, const SceneCalibration& changes, Value& 
     if (parameter == estimation::FitParameter::kStrokeScaleEach) {
       putScales(scene, kStrokeScaleKey, "the number of stroke scales", values, document);
     }
-    if (parameter == estimation::FitParameter::kBleed && values[0] != 0) {
+    if (parameter == estimation::FitParameter::kBorderShift && values[0] != 0) {
       setValue(tagsOf(scene, document), "size_m", numberValue(scene.tags->size - 2 * values[0]));
     }
   }
@@ -413,7 +413,7 @@ void addChange(estimation::FitParameter parameter, const Scene& scene,
       changes.tags = calibration.layout;
       return;
     case FitParameter::kStrokeScaleEach:
-    case FitParameter::kBleed:
+    case FitParameter::kBorderShift:
       changes.numbers[parameter] = valuesOf(parameter, calibration);
       return;
   }

@@ -116,7 +116,7 @@ std::vector<Key> visionKeys(vision::LocalizerConfig& config) {
           {"base_prior",
            {{"translation_m", kSmallLength, fit.base_prior.translation},
             {"rotation_deg", kSmallAngle, fit.base_prior.rotation, kDegree}}},
-          {"bleed_prior_m", kSmallLength, fit.bleed_prior}};
+          {"bleed_prior_m", kSmallLength, fit.border_shift_prior}};
 }
 
 constexpr double kUsualDamping = 0.1;  // of muscles and bellows
@@ -163,7 +163,7 @@ std::vector<Key> pictureKeys(simulation::SimulatedCameraConfig& camera) {
   return {{"blur_px", within(kNotNegative, 0, 100, " px"), camera.blur},
           {"noise_gray_levels", within(kNotNegative, 0, 255, " gray levels"), camera.noise},
           {"exposure", within(kPositive, 1e-3, 1e3), camera.exposure},
-          {"bleed_m", within(kNotNegative, 0, 0.1, " m"), camera.bleed},
+          {"bleed_m", within(kNotNegative, 0, 0.1, " m"), camera.border_shift},
           {"jpeg_quality", Whole{1, 100}, camera.jpeg_quality},
           {"clutter", Whole{0, 10000}, camera.clutter},
           {"occluders", Whole{0, 1000}, camera.occluders},

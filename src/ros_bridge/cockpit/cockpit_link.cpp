@@ -138,7 +138,8 @@ void elsewhere(Body body) {
 
 }  // namespace
 
-void CallDesk::ask(const std::string& what, double limit, Call call, const std::string& remedy) {
+void ServiceCaller::ask(const std::string& what, double limit, Call call,
+                        const std::string& remedy) {
   look();
   const auto count = [&](bool given_up_too) {
     return std::count_if(calls_.begin(), calls_.end(), [&](const Running& one) {
@@ -164,7 +165,7 @@ void CallDesk::ask(const std::string& what, double limit, Call call, const std::
   calls_.push_back({what, remedy, limit, due, std::move(answer)});
 }
 
-void CallDesk::look() {
+void ServiceCaller::look() {
   for (auto it = calls_.begin(); it != calls_.end();) {
     const bool ended = isReady(it->answer);
     const bool late = !ended && ros::SteadyTime::now() > it->due;
@@ -275,7 +276,7 @@ CockpitView CockpitLink::view() {
   CockpitCalibration calibration = calibration_->view(now());
   const CockpitExperiment experiment = experiment_->view(now());
   const bool tip_heard = tip_publisher_.getNumSubscribers() > 0;
-  calibration.is_loaded = desk_.waits(kUseCall);
+  calibration.is_loaded = caller_.waits(kUseCall);
   const basics::MutexLock lock(mutex_);
   held_.look(now());
   CockpitView out = seen_;
@@ -321,23 +322,24 @@ std::vector<CockpitChannel> CockpitLink::channels() const {
   return out;
 }
 
-CallDesk::Call CockpitLink::triggers(const char* service) const {
+ServiceCaller::Call CockpitLink::triggers(const char* service) const {
   return [name = serviceOf(service)] { return called(name, std_srvs::Trigger()); };
 }
 
-CallDesk::Call CockpitLink::stops(bool engage) const {
+ServiceCaller::Call CockpitLink::stops(bool engage) const {
   std_srvs::SetBool stop;
   stop.request.data = engage;
   return [name = serviceOf(names::kEmergencyStop), stop] { return called(name, stop); };
 }
 
 void CockpitLink::askUnlessOvertaken(const char* what, std::atomic<std::uint64_t> Asked::*later,
-                                     const CallDesk::Call& call, const CallDesk::Call& undo) {
-  if (desk_.waits(what)) return;
+                                     const ServiceCaller::Call& call,
+                                     const ServiceCaller::Call& undo) {
+  if (caller_.waits(what)) return;
   const auto overtaken = [asked = asked_, later, before = ((*asked_).*later).load()] {
     return (*asked).*later != before;
   };
-  desk_.ask(what, kCallLimit, [overtaken, call, undo] {
+  caller_.ask(what, kCallLimit, [overtaken, call, undo] {
     const std::string since = ", since a stop or vent was clicked after it";
     if (overtaken()) return noAnswer("", "not sent" + since);
     CallAnswer out = call();
@@ -349,7 +351,7 @@ void CockpitLink::askUnlessOvertaken(const char* what, std::atomic<std::uint64_t
 
 void CockpitLink::vent() {
   ++asked_->vents;
-  desk_.ask("Vent", kCallLimit, triggers(names::kVent));
+  caller_.ask("Vent", kCallLimit, triggers(names::kVent));
   const basics::MutexLock lock(mutex_);
   held_.end("the arm was vented");
 }
@@ -358,7 +360,7 @@ void CockpitLink::emergencyStop(bool engage) {
   if (!engage) return askUnlessOvertaken(kReleaseCall, &Asked::stops, stops(false), stops(true));
   ++asked_->stops;
   ++asked_->vents;
-  desk_.ask("Emergency stop", kCallLimit, stops(true), kStopByHand);
+  caller_.ask("Emergency stop", kCallLimit, stops(true), kStopByHand);
   const basics::MutexLock lock(mutex_);
   held_.end("the emergency stop was engaged");
 }
@@ -372,7 +374,7 @@ void CockpitLink::hold(bool on) {
   }
   held_.end("let go: the arm ramps down to rest");
   lock.unlock();
-  desk_.ask("Let go", kCallLimit, triggers(names::kRest));
+  caller_.ask("Let go", kCallLimit, triggers(names::kRest));
 }
 
 void CockpitLink::setPressure(std::size_t channel, double pressure) {
@@ -421,8 +423,8 @@ void CockpitLink::startExperiment(const std::string& name) {
 }
 
 void CockpitLink::useCalibration() {
-  if (desk_.waits(kUseCall)) return;
-  desk_.ask(kUseCall, kUseLimit, [ns = node_.getNamespace()] { return useLastCalibration(ns); });
+  if (caller_.waits(kUseCall)) return;
+  caller_.ask(kUseCall, kUseLimit, [ns = node_.getNamespace()] { return useLastCalibration(ns); });
 }
 
 bool CockpitLink::onCommand(const PressureArray& message) {

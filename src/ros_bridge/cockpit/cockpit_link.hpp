@@ -47,7 +47,7 @@ inline constexpr char kWalk[] = "walk";
 ///
 /// Calls do not wait for each other: a service that hangs delays no emergency stop. A call that was
 /// given up on may still end later; its answer is then dropped. For one thread, except the calls.
-class CallDesk {
+class ServiceCaller {
  public:
   /// Makes the call in a thread of its own; what it throws is the answer.
   using Call = std::function<CallAnswer()>;
@@ -228,7 +228,8 @@ class ActionRuns {
 /// One arm, as a user of its topics and services: what the cockpit shows, and what its buttons do.
 ///
 /// Once it is made, no call blocks. Topics have a thread of their own, services are called through
-/// a CallDesk, and the target that is held is repeated at 10 Hz for as long as view() is called.
+/// a ServiceCaller, and the target that is held is repeated at 10 Hz for as long as view() is
+/// called.
 ///
 /// Calls may overtake each other, and one that hangs may arrive late. None of them undoes a stop or
 /// a vent that was asked for after it: what has not been sent yet is not sent, and what has is
@@ -257,7 +258,7 @@ class CockpitLink {
   CockpitView view() HELIX_ARM_EXCLUDES(mutex_);
 
   /// Answers of the services that came since the last call.
-  std::vector<CallAnswer> takeAnswers() { return desk_.take(); }
+  std::vector<CallAnswer> takeAnswers() { return caller_.take(); }
 
   /// Without effect while such a call waits for its answer, as for Release and useCalibration().
   void enable() {
@@ -327,14 +328,14 @@ class CockpitLink {
   std::string serviceOf(const char* name) const {
     return node_.resolveName(std::string(names::kPressureCommandNode) + "/" + name);
   }
-  CallDesk::Call triggers(const char* service) const;
-  CallDesk::Call stops(bool engage) const;
+  ServiceCaller::Call triggers(const char* service) const;
+  ServiceCaller::Call stops(bool engage) const;
   /// Asks for a call that a later wish of the user takes back: it is not sent, if there is still
   /// time, or undone.
   void askUnlessOvertaken(const char* what, std::atomic<std::uint64_t> Asked::*later,
-                          const CallDesk::Call& call, const CallDesk::Call& undo);
+                          const ServiceCaller::Call& call, const ServiceCaller::Call& undo);
 
-  CallDesk desk_;
+  ServiceCaller caller_;
   const std::shared_ptr<Asked> asked_ = std::make_shared<Asked>();
   ros::CallbackQueue queue_;
   ros::NodeHandle node_;

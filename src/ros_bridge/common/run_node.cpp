@@ -51,7 +51,7 @@ void onShutdown(XmlRpc::XmlRpcValue&, XmlRpc::XmlRpcValue& result) {
 /// to it, including unregistering at the end.
 ///
 /// It ends with kFailed, without destructors. The guard of hardware vents what is not vented.
-class EndWatch {
+class ShutdownWatchdog {
  public:
   /// Tells that the main thread runs; required every kPatience once the node was asked to end.
   void turn() { ++turns_; }
@@ -117,13 +117,13 @@ class MasterWatch {
 constexpr double kLongestWait = 0.1;  // for a callback [s]
 constexpr double kLastLines = 1.0;  // longest wait for the last lines of a log that is blocked [s]
 
-void spinUntilEnd(EndWatch& end_watch, const Node& node) {
+void spinUntilEnd(ShutdownWatchdog& watchdog, const Node& node) {
   const auto is_to_end = [&] {
     return EndRequest::isUrgent() || (EndRequest::made() && node.mayEnd()) || ros::isShuttingDown();
   };
   while (!is_to_end()) {
     ros::getGlobalCallbackQueue()->callAvailable(ros::WallDuration(kLongestWait));
-    end_watch.turn();
+    watchdog.turn();
   }
 }
 
@@ -160,7 +160,7 @@ int runNode(int argc, char** argv, const std::string& name,
   // Lines appear immediately in pipes and files, too.
   std::setvbuf(stdout, nullptr, _IOLBF, BUFSIZ);
   ros::init(argc, argv, name);
-  EndWatch end_watch;
+  ShutdownWatchdog watchdog;
   const ros::NodeHandle started;  // waits for a master; keeps ROS up until faults are printed
   if (!ros::ok()) return kDone;
   LogThread log_thread;
@@ -169,14 +169,14 @@ int runNode(int argc, char** argv, const std::string& name,
     MasterWatch master;
     const std::unique_ptr<Node> node = make();
     const int thrown = guarded([&] {
-      spinUntilEnd(end_watch, *node);
+      spinUntilEnd(watchdog, *node);
       return kDone;
     });
     EndRequest::make();  // whatever ended it, the rest is watched
-    end_watch.waits(true);
+    watchdog.waits(true);
     const int verdict = node->finish();
-    end_watch.waits(false);
-    if (master.lost()) end_watch.hurry();
+    watchdog.waits(false);
+    if (master.lost()) watchdog.hurry();
     log_thread.flush(kLastLines);
     ros::shutdown();
     return thrown != kDone || master.lost() ? kFailed : verdict;

@@ -65,13 +65,13 @@ struct Drift {
 ///
 /// During contact the watch gets its state from the filter of the force, since it would take the
 /// force for a difference of the arm from its model.
-class LoadForks {
+class OnsetHypotheses {
  public:
   /// @throws std::invalid_argument naming the value and its rule.
-  explicit LoadForks(const LoadForksOptions& options);
-  ~LoadForks();
-  LoadForks(LoadForks&&) noexcept;
-  LoadForks& operator=(LoadForks&&) noexcept;
+  explicit OnsetHypotheses(const OnsetOptions& options);
+  ~OnsetHypotheses();
+  OnsetHypotheses(OnsetHypotheses&&) noexcept;
+  OnsetHypotheses& operator=(OnsetHypotheses&&) noexcept;
 
   /// After each picture of which the watch has made a step, even if it found it an outlier.
   /// @param time           of the picture [s].
@@ -92,7 +92,7 @@ class LoadForks {
   /// Whether nothing counts as the begin of a contact: quiet() then goes on. It begins anew with
   /// this.
   void ignoreContacts(bool ignores);
-  /// Forgets forks, contact and drift; they are found again after ten seconds of pictures.
+  /// Forgets onsets, contact and drift; they are found again after ten seconds of pictures.
   void reset();
 
   /// After the last picture.

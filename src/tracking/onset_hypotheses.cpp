@@ -1,4 +1,4 @@
-#include "helix_arm/tracking/load_forks.hpp"
+#include "helix_arm/tracking/onset_hypotheses.hpp"
 
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
@@ -19,8 +19,8 @@ namespace helix_arm::estimation {
 namespace {
 
 constexpr char kCulprit[] = "contact";
-constexpr int kForkPeriod = 3;        // pictures
-constexpr int kLeastAge = 2;          // pictures that a fork must have before its score counts
+constexpr int kOnsetPeriod = 3;        // pictures
+constexpr int kLeastAge = 2;          // pictures that an onset must have before its score counts
 constexpr double kArmingTime = 10.0;  // of pictures [s]
 constexpr double kLongestGap = 0.3;   // between pictures; a longer one counts as this [s]
 constexpr double kSureTip = 0.003;    // [m]
@@ -42,7 +42,7 @@ constexpr double kLeastDrift = 0.005;  // [m]
 // rest.
 constexpr double kFindTime = 0.5, kResting = 0.4;
 
-// Young forks detect what begins now; few old ones are kept: they are certain of no force.
+// Young onsets detect what begins now; few old ones are kept: they are certain of no force.
 bool isKept(std::int64_t age, std::int64_t number) {
   if (age <= 12) return true;
   if (age <= 48) return number % 4 == 0;
@@ -64,10 +64,10 @@ Eigen::Matrix3Xd determinedDirections(const Eigen::Vector3d& force,
 }
 
 /// A copy of a filter's state with a constant force on the arm from then on: [theta; b; f].
-class LoadFork {
+class OnsetState {
  public:
   /// @param watch  [theta; b]. @param deviation  standard deviation of each entry of f [N].
-  LoadFork(const Gaussian& watch, double deviation) {
+  OnsetState(const Gaussian& watch, double deviation) {
     const Eigen::Index size = watch.mean.size();
     state_.mean = Eigen::VectorXd::Zero(size + 3);
     state_.mean.head(size) = watch.mean;
@@ -93,7 +93,7 @@ class LoadFork {
     state_.covariance.block(begin, begin, d, d) += covariance;
   }
 
-  /// The fork's expectation of a picture, linear about the step's theta.
+  /// The onset's expectation of a picture, linear about the step's theta.
   /// @param by_force  (d x 3) change of the measured twists with f.
   Gaussian::Measurement expect(const ArmFilter::Step& step, const Eigen::MatrixXd& by_force) const {
     const Eigen::Index parameters = step.theta.size(), d = step.measured.size();
@@ -136,23 +136,23 @@ class LoadFork {
 
 }  // namespace
 
-void LoadForksOptions::validate() const {
+void OnsetOptions::validate() const {
   basics::requirePositive(kCulprit, "the limit of the score", limit);
   basics::requirePositive(kCulprit, "the deviation of forces [N]", deviation);
   basics::requireNotNegative(kCulprit, "the creep of forces [N s^-1/2]", creep);
 }
 
-struct LoadForks::Workspace {
-  struct Fork {
-    LoadFork state;
-    LoadFork origin;  // the same without the pictures since then
+struct OnsetHypotheses::Workspace {
+  struct Onset {
+    OnsetState state;
+    OnsetState origin;  // the same without the pictures since then
     double time;      // [s]
     std::int64_t number, picture;
     bool agrees;  // the pictures with what was known of the arm
   };
   // A force at one position of the arm.
   struct Hypothesis {
-    LoadFork state;
+    OnsetState state;
     double log_likelihood;
   };
 
@@ -162,33 +162,33 @@ struct LoadForks::Workspace {
     const Eigen::MatrixXd by_force = compliance.atTip()(watch.rows(), Eigen::all);
     std::size_t best = 0;
     load.score = 0.0;
-    for (std::size_t i = 0; i < forks.size(); ++i) {
-      Fork& fork = forks[i];
-      for (LoadFork* one : {&fork.origin, &fork.state}) {
+    for (std::size_t i = 0; i < onsets.size(); ++i) {
+      Onset& onset = onsets[i];
+      for (OnsetState* one : {&onset.origin, &onset.state}) {
         one->predict(step, creep);
         one->growBias(step.play_growth);
       }
-      fork.state.update(fork.state.expect(step, by_force));
-      const double score = fork.state.score();
-      if (pictures - fork.picture < kLeastAge || score <= load.score) continue;
+      onset.state.update(onset.state.expect(step, by_force));
+      const double score = onset.state.score();
+      if (pictures - onset.picture < kLeastAge || score <= load.score) continue;
       best = i;
       load.score = score;
     }
     load.score /= std::max(1.0, motion * motion);
     if (armed && !ignores && load.score > options.limit) {
-      // The fork before the one that found the force is not affected by it.
-      begin(forks[best], forks[best > 0 ? best - 1 : 0].origin, compliance.places().size());
+      // The onset before the one that found the force is not affected by it.
+      begin(onsets[best], onsets[best > 0 ? best - 1 : 0].origin, compliance.places().size());
       watch.setState(hypotheses.back().state.withoutForce());
       return;
     }
-    const auto tooOld = [this](const Fork& fork) {
-      return !isKept(pictures - fork.picture, fork.number);
+    const auto tooOld = [this](const Onset& onset) {
+      return !isKept(pictures - onset.picture, onset.number);
     };
-    forks.erase(std::remove_if(forks.begin(), forks.end(), tooOld), forks.end());
-    if (pictures % kForkPeriod == 0) {
-      const LoadFork fork(watch.state(), deviation);
+    onsets.erase(std::remove_if(onsets.begin(), onsets.end(), tooOld), onsets.end());
+    if (pictures % kOnsetPeriod == 0) {
+      const OnsetState onset(watch.state(), deviation);
       const bool agrees = !beyond && !drift.doubtful;
-      forks.push_back({fork, fork, time, pictures / kForkPeriod, pictures, agrees});
+      onsets.push_back({onset, onset, time, pictures / kOnsetPeriod, pictures, agrees});
     }
   }
 
@@ -196,29 +196,29 @@ struct LoadForks::Workspace {
   // @param along  unit vector along the tip.
   void noteQuiet(double time, double dt, double motion, const Eigen::Vector3d& along) {
     quiet.highest = std::max(quiet.highest, load.score);
-    const auto fork = std::find_if(forks.begin(), forks.end(), [time](const Fork& one) {
+    const auto onset = std::find_if(onsets.begin(), onsets.end(), [time](const Onset& one) {
       return time - one.time <= kFindTime;
     });
-    if (fork == forks.end() || motion >= kResting) return;
+    if (onset == onsets.end() || motion >= kResting) return;
     const Eigen::Vector3d side = along.unitOrthogonal();
     Eigen::Matrix<double, 3, 2> across;
     across << side, along.cross(side);
     const Eigen::Matrix2d information =
-        across.transpose() * fork->state.forceCovariance().inverse() * across;
+        across.transpose() * onset->state.forceCovariance().inverse() * across;
     const double weakest =
         Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(information).eigenvalues().minCoeff();
     quiet.seconds += dt;
     quiet.unit_force += dt / quiet.seconds * (1.0 / std::sqrt(weakest) - quiet.unit_force);
   }
 
-  void begin(const Fork& found, const LoadFork& before, std::size_t places) {
+  void begin(const Onset& found, const OnsetState& before, std::size_t places) {
     hypotheses.assign(places, {before, 0.0});
     load.contact = true;
     load.onset = found.time;
     agreed_at_onset = found.agrees;
     outliers = 0;
     gone_since.reset();
-    forks.clear();
+    onsets.clear();
   }
 
   // Estimates magnitude and position of the force, and detects its end.
@@ -243,7 +243,7 @@ struct LoadForks::Workspace {
 
   // A single outlier is ignored; several in a row indicate another force.
   bool isUsable(const ArmFilter::Step& step, const Eigen::MatrixXd& by_force) {
-    const LoadFork& tip = hypotheses.back().state;
+    const OnsetState& tip = hypotheses.back().state;
     if (tip.distance2(tip.expect(step, by_force)) <=
         outlierLimit(static_cast<int>(by_force.rows()))) {
       outliers = 0;
@@ -282,7 +282,7 @@ struct LoadForks::Workspace {
     const bool named =
         hypotheses.size() > 1 && std::count_if(hypotheses.begin(), hypotheses.end(), isClose) == 1;
     if (named) load.place = compliance.places()[place];
-    const LoadFork& force = (named ? hypotheses[place] : hypotheses.back()).state;
+    const OnsetState& force = (named ? hypotheses[place] : hypotheses.back()).state;
     const double unit = load.normalised ? TipCompliance::kTypicalStiffness : 1.0;
     load.force = force.force() / unit;
     load.covariance = force.forceCovariance() / (unit * unit);
@@ -352,13 +352,13 @@ struct LoadForks::Workspace {
     const bool due = memories.empty() || memories.back().touched != touched ||
                      memories.back().age >= kMemoryPeriod;
     if (!sure || !due || touched != explained || since_change < kForceTime) return;
-    const LoadFork known = touched ? hypotheses.back().state : LoadFork(watch.state(), 0.0);
+    const OnsetState known = touched ? hypotheses.back().state : OnsetState(watch.state(), 0.0);
     memories.push_back({known, 0.0, touched});
   }
 
   // Past knowledge of the arm; takes no later pictures.
   struct Memory {
-    LoadFork state;
+    OnsetState state;
     double age;    // in time of pictures [s]
     bool touched;  // with a force
   };
@@ -385,11 +385,11 @@ struct LoadForks::Workspace {
     return out;
   }
 
-  LoadForksOptions options;
+  OnsetOptions options;
   double deviation = 0.0, creep = 0.0;  // of forces on this arm [N], [N s^-1/2]
   bool ignores = false;                 // contacts
   QuietScore quiet;
-  std::vector<Fork> forks;             // oldest first
+  std::vector<Onset> onsets;             // oldest first
   std::vector<Hypothesis> hypotheses;  // during contact, one per position; the last is the tip
   std::int64_t pictures = 0;
   double seen_time = 0.0;
@@ -407,15 +407,15 @@ struct LoadForks::Workspace {
   Drift drift;
 };
 
-LoadForks::LoadForks(const LoadForksOptions& options) : work_(std::make_unique<Workspace>()) {
+OnsetHypotheses::OnsetHypotheses(const OnsetOptions& options) : work_(std::make_unique<Workspace>()) {
   options.validate();
   work_->options = options;
 }
-LoadForks::~LoadForks() = default;
-LoadForks::LoadForks(LoadForks&&) noexcept = default;
-LoadForks& LoadForks::operator=(LoadForks&&) noexcept = default;
+OnsetHypotheses::~OnsetHypotheses() = default;
+OnsetHypotheses::OnsetHypotheses(OnsetHypotheses&&) noexcept = default;
+OnsetHypotheses& OnsetHypotheses::operator=(OnsetHypotheses&&) noexcept = default;
 
-void LoadForks::see(double time, double tip_deviation, const model::Shape& measured, bool settled,
+void OnsetHypotheses::see(double time, double tip_deviation, const model::Shape& measured, bool settled,
                     double motion, ArmFilter& watch, TipCompliance& compliance) {
   Workspace& w = *work_;
   const bool sure = tip_deviation < kSureTip;
@@ -444,10 +444,10 @@ void LoadForks::see(double time, double tip_deviation, const model::Shape& measu
   w.remember(w.seen_time >= kArmingTime && sure, watch);
 }
 
-void LoadForks::growBias(const Eigen::MatrixXd& covariance, ArmFilter& watch) {
-  for (Workspace::Fork& fork : work_->forks) {
-    fork.state.growBias(covariance);
-    fork.origin.growBias(covariance);
+void OnsetHypotheses::growBias(const Eigen::MatrixXd& covariance, ArmFilter& watch) {
+  for (Workspace::Onset& onset : work_->onsets) {
+    onset.state.growBias(covariance);
+    onset.origin.growBias(covariance);
   }
   for (Workspace::Hypothesis& hypothesis : work_->hypotheses) hypothesis.state.growBias(covariance);
   for (Workspace::Memory& memory : work_->memories) memory.state.growBias(covariance);
@@ -456,7 +456,7 @@ void LoadForks::growBias(const Eigen::MatrixXd& covariance, ArmFilter& watch) {
   watch.setState(state);
 }
 
-void LoadForks::reset() {
+void OnsetHypotheses::reset() {
   Workspace fresh;
   fresh.options = work_->options;
   fresh.ignores = work_->ignores;
@@ -464,13 +464,13 @@ void LoadForks::reset() {
   *work_ = std::move(fresh);
 }
 
-void LoadForks::ignoreContacts(bool ignores) {
+void OnsetHypotheses::ignoreContacts(bool ignores) {
   work_->ignores = ignores;
   if (ignores) work_->quiet = {};
 }
 
-const QuietScore& LoadForks::quiet() const { return work_->quiet; }
-const ExternalLoad& LoadForks::load() const { return work_->load; }
-const Drift& LoadForks::drift() const { return work_->drift; }
+const QuietScore& OnsetHypotheses::quiet() const { return work_->quiet; }
+const ExternalLoad& OnsetHypotheses::load() const { return work_->load; }
+const Drift& OnsetHypotheses::drift() const { return work_->drift; }
 
 }  // namespace helix_arm::estimation

@@ -1,4 +1,4 @@
-#include "helix_arm/tracking/load_forks.hpp"
+#include "helix_arm/tracking/onset_hypotheses.hpp"
 
 #include <Eigen/Cholesky>
 #include <algorithm>
@@ -27,12 +27,12 @@ ArmModel knownStiffness() {
   return ArmModel(test::ringArm(test::helicalRing()), std::nullopt, stiffnessAlone());
 }
 
-// A true arm that a force may pull, a filter that watches it, and forks of that filter. The mean of
+// A true arm that a force may pull, a filter that watches it, and onsets of that filter. The mean of
 // the strain is measured, with noise.
 class Bench {
  public:
-  explicit Bench(unsigned seed, const LoadForksOptions& options = {})
-      : forks(options), random(seed), truth_(model) {}
+  explicit Bench(unsigned seed, const OnsetOptions& options = {})
+      : onsets(options), random(seed), truth_(model) {}
 
   // Of the true arm: how it differs from its model.
   void differ(const statics::Correction& correction) { truth_.set(correction); }
@@ -68,7 +68,7 @@ class Bench {
     picture.covariance = deviation.cwiseAbs2().asDiagonal();
     watch.see(picture);
     compliance.moveTo(picture.pressure, watch.correction());
-    forks.see(time, tip_deviation, model::shapeOf(model.arm(), picture.twists), true, motion, watch,
+    onsets.see(time, tip_deviation, model::shapeOf(model.arm(), picture.twists), true, motion, watch,
               compliance);
   }
   void run(double seconds) {
@@ -77,8 +77,8 @@ class Bench {
   // Time until a contact is found [s]; infinite if none is.
   double delay(double deadline) {
     const double begin = time;
-    while (!forks.load().contact && time < begin + deadline) see();
-    return forks.load().contact ? time - begin : INFINITY;
+    while (!onsets.load().contact && time < begin + deadline) see();
+    return onsets.load().contact ? time - begin : INFINITY;
   }
   // A force that is found.
   void touch(const Eigen::Vector3d& by) {
@@ -104,7 +104,7 @@ class Bench {
   const ArmModel model = knownStiffness();
   ArmFilter watch{model, options()};
   TipCompliance compliance{model};
-  LoadForks forks;
+  OnsetHypotheses onsets;
   test::Random random;
   double time = 0.0, noise = 1.0, tip_deviation = 1e-3;
   double place = 1.0;   // of the force
@@ -119,11 +119,11 @@ class Bench {
   model::Twists crept_ = model::Twists::Zero(6, 1);
 };
 
-const ExternalLoad& loadOf(const Bench& bench) { return bench.forks.load(); }
+const ExternalLoad& loadOf(const Bench& bench) { return bench.onsets.load(); }
 
-// A fork that is two pictures old: its score against least squares over these pictures, whose
+// An onset that is two pictures old: its score against least squares over these pictures, whose
 // unknowns are theta and b as the watch knew them, and f.
-TEST(LoadForks, TheScoreIsThatOfLeastSquaresOverThePicturesSinceTheFork) {
+TEST(OnsetHypotheses, TheScoreIsThatOfLeastSquaresOverThePicturesSinceTheFork) {
   Bench bench(1);
   for (int k = 0; k < 3; ++k) bench.see();  // the third picture is forked
   const Gaussian before = bench.watch.state();
@@ -161,7 +161,7 @@ TEST(LoadForks, TheScoreIsThatOfLeastSquaresOverThePicturesSinceTheFork) {
   EXPECT_NEAR(loadOf(bench).score, expected, 1e-4 * expected);
 }
 
-TEST(LoadForks, AForceAcrossTheArmIsFoundWithItsOnsetAndItsSize) {
+TEST(OnsetHypotheses, AForceAcrossTheArmIsFoundWithItsOnsetAndItsSize) {
   Bench bench(2);
   bench.moveUntilArmed();
   ASSERT_FALSE(loadOf(bench).contact);
@@ -185,7 +185,7 @@ TEST(LoadForks, AForceAcrossTheArmIsFoundWithItsOnsetAndItsSize) {
   }
 }
 
-TEST(LoadForks, NothingIsFoundBeforeTenSecondsOfPictures) {
+TEST(OnsetHypotheses, NothingIsFoundBeforeTenSecondsOfPictures) {
   Bench bench(3);
   bench.run(kArmed - 0.5);
   bench.force = {0, 1, 0};
@@ -197,7 +197,7 @@ TEST(LoadForks, NothingIsFoundBeforeTenSecondsOfPictures) {
   EXPECT_LT(bench.delay(1), 4 * kPeriod);
 }
 
-TEST(LoadForks, NothingIsFoundWhileTheTipIsUncertain) {
+TEST(OnsetHypotheses, NothingIsFoundWhileTheTipIsUncertain) {
   Bench bench(4);
   bench.moveUntilArmed();
   bench.force = {0, 1, 0};
@@ -212,10 +212,10 @@ TEST(LoadForks, NothingIsFoundWhileTheTipIsUncertain) {
   EXPECT_TRUE(loadOf(bench).contact);
 }
 
-TEST(LoadForks, AForceDuringMotionScoresLessByItsSquare) {
+TEST(OnsetHypotheses, AForceDuringMotionScoresLessByItsSquare) {
   const auto scoreAt = [](double motion) {
     Bench bench(2);
-    bench.forks.ignoreContacts(true);
+    bench.onsets.ignoreContacts(true);
     bench.run(11.0);
     bench.motion = motion;
     bench.force = {0, 0.5, 0};
@@ -225,41 +225,41 @@ TEST(LoadForks, AForceDuringMotionScoresLessByItsSquare) {
   const double still = scoreAt(1.0);
   EXPECT_EQ(scoreAt(0.5), still);
   EXPECT_NEAR(scoreAt(4.0), still / 16, 1e-9 * still);
-  EXPECT_GT(still, LoadForksOptions().limit);
-  EXPECT_LT(still / 16, LoadForksOptions().limit);
+  EXPECT_GT(still, OnsetOptions().limit);
+  EXPECT_LT(still / 16, OnsetOptions().limit);
 }
 
-TEST(LoadForks, WhereContactsAreIgnoredTheirScoreIsKept) {
+TEST(OnsetHypotheses, WhereContactsAreIgnoredTheirScoreIsKept) {
   Bench bench(2);
-  bench.forks.ignoreContacts(true);
+  bench.onsets.ignoreContacts(true);
   bench.run(16.0);
-  const QuietScore rest = bench.forks.quiet();
+  const QuietScore rest = bench.onsets.quiet();
   EXPECT_NEAR(rest.seconds, 6.0, 0.2) << "the first ten seconds do not count";
-  EXPECT_LT(rest.highest, LoadForksOptions().limit);
+  EXPECT_LT(rest.highest, OnsetOptions().limit);
   bench.motion = 0.5;
   bench.force = {0, 0.8, 0};
   EXPECT_EQ(bench.delay(0.6), INFINITY);
-  EXPECT_GT(bench.forks.quiet().highest, LoadForksOptions().limit);
-  EXPECT_EQ(bench.forks.quiet().seconds, rest.seconds) << "it is not at rest";
-  bench.forks.ignoreContacts(false);
+  EXPECT_GT(bench.onsets.quiet().highest, OnsetOptions().limit);
+  EXPECT_EQ(bench.onsets.quiet().seconds, rest.seconds) << "it is not at rest";
+  bench.onsets.ignoreContacts(false);
   EXPECT_LT(bench.delay(0.1), 0.1);
-  EXPECT_GT(bench.forks.quiet().highest, 0) << "what was found is kept";
-  bench.forks.ignoreContacts(true);
-  EXPECT_EQ(bench.forks.quiet().highest, 0);
+  EXPECT_GT(bench.onsets.quiet().highest, 0) << "what was found is kept";
+  bench.onsets.ignoreContacts(true);
+  EXPECT_EQ(bench.onsets.quiet().highest, 0);
 }
 
 // Across the tip, in the direction in which least is seen of it; others score more.
-TEST(LoadForks, TheUnitForceScoresOneWithinHalfASecond) {
+TEST(OnsetHypotheses, TheUnitForceScoresOneWithinHalfASecond) {
   constexpr double kFactor = 20;
   double least = INFINITY;
   for (int k = 0; k < 6; ++k) {
     Bench bench(2);
-    bench.forks.ignoreContacts(true);
+    bench.onsets.ignoreContacts(true);
     bench.run(16.0);
     const Eigen::Vector3d along = bench.model.tip(bench.pressure).tip.rotation.col(0);
     const Eigen::Vector3d side = along.unitOrthogonal();
     const double angle = k * basics::kPi / 6;
-    bench.force = kFactor * bench.forks.quiet().unit_force *
+    bench.force = kFactor * bench.onsets.quiet().unit_force *
                   (std::cos(angle) * side + std::sin(angle) * along.cross(side));
     bench.run(0.5);
     least = std::min(least, loadOf(bench).score);
@@ -268,7 +268,7 @@ TEST(LoadForks, TheUnitForceScoresOneWithinHalfASecond) {
   EXPECT_LT(least, 1.6 * kFactor * kFactor);
 }
 
-TEST(LoadForks, SmallChangesThatPlayKeepsFromArrivingAreNoForce) {
+TEST(OnsetHypotheses, SmallChangesThatPlayKeepsFromArrivingAreNoForce) {
   Bench bench(2);
   bench.moveUntilArmed();
   for (int k = 0; k < 60; ++k) {
@@ -280,9 +280,9 @@ TEST(LoadForks, SmallChangesThatPlayKeepsFromArrivingAreNoForce) {
   }
 }
 
-TEST(LoadForks, TheLimitIsThatOfTheOptions) {
+TEST(OnsetHypotheses, TheLimitIsThatOfTheOptions) {
   const auto highest = [](double limit) {
-    LoadForksOptions options;
+    OnsetOptions options;
     options.limit = limit;
     Bench bench(5, options);
     bench.moveUntilArmed();
@@ -302,7 +302,7 @@ TEST(LoadForks, TheLimitIsThatOfTheOptions) {
 }
 
 // The watch gets its state from the filter of the force: the force is no bias of the arm.
-TEST(LoadForks, TheWatchDoesNotTakeTheForceForADifferenceOfTheArm) {
+TEST(OnsetHypotheses, TheWatchDoesNotTakeTheForceForADifferenceOfTheArm) {
   Bench bench(6);
   bench.moveUntilArmed();
   const Eigen::VectorXd twists = bench.watch.shape(bench.pressure)->twists().reshaped();
@@ -314,7 +314,7 @@ TEST(LoadForks, TheWatchDoesNotTakeTheForceForADifferenceOfTheArm) {
   EXPECT_LT((after - twists).norm(), 0.3 * (pulled - twists).norm());
 }
 
-TEST(LoadForks, AForceThatIsGoneIsNoContactAfterHalfASecond) {
+TEST(OnsetHypotheses, AForceThatIsGoneIsNoContactAfterHalfASecond) {
   Bench bench(7);
   bench.moveUntilArmed();
   bench.touch({0, 0.5, 0});
@@ -338,7 +338,7 @@ TEST(LoadForks, AForceThatIsGoneIsNoContactAfterHalfASecond) {
   EXPECT_LT(bench.delay(1), 0.5);
 }
 
-TEST(LoadForks, AForceThatChangesIsFollowed) {
+TEST(OnsetHypotheses, AForceThatChangesIsFollowed) {
   Bench bench(8);
   bench.moveUntilArmed();
   bench.touch({0, 0.4, 0});
@@ -351,7 +351,7 @@ TEST(LoadForks, AForceThatChangesIsFollowed) {
   }
 }
 
-TEST(LoadForks, AnOutlierIsNoForce) {
+TEST(OnsetHypotheses, AnOutlierIsNoForce) {
   Bench bench(9);
   bench.moveUntilArmed();
   bench.touch({0, 0.4, 0});
@@ -367,7 +367,7 @@ TEST(LoadForks, AnOutlierIsNoForce) {
 }
 
 // Other tags err by other placements: a jump of that size is no contact, if its covariance is told.
-TEST(LoadForks, AJumpOfWhatOtherTagsMeasureIsNoContact) {
+TEST(OnsetHypotheses, AJumpOfWhatOtherTagsMeasureIsNoContact) {
   for (const bool told : {true, false}) {
     Bench bench(12);
     bench.moveUntilArmed();
@@ -379,7 +379,7 @@ TEST(LoadForks, AJumpOfWhatOtherTagsMeasureIsNoContact) {
     const Eigen::MatrixXd covariance = deviation.cwiseAbs2().asDiagonal();
     const Eigen::MatrixXd before = bench.watch.state().covariance;
     if (told) {
-      bench.forks.growBias(covariance, bench.watch);
+      bench.onsets.growBias(covariance, bench.watch);
       const Eigen::MatrixXd grown = bench.watch.state().covariance - before;
       EXPECT_LT((grown.bottomRightCorner<6, 6>() - covariance).norm(), 1e-12);
       EXPECT_TRUE(grown.topRows(grown.rows() - 6).isZero(0));
@@ -388,11 +388,11 @@ TEST(LoadForks, AJumpOfWhatOtherTagsMeasureIsNoContact) {
   }
 }
 
-TEST(LoadForks, ResetForgetsContactAndForks) {
+TEST(OnsetHypotheses, ResetForgetsContactAndForks) {
   Bench bench(13);
   bench.moveUntilArmed();
   bench.touch({0, 1, 0});
-  bench.forks.reset();
+  bench.onsets.reset();
   EXPECT_FALSE(loadOf(bench).contact);
   EXPECT_EQ(loadOf(bench).score, 0);
   bench.force.setZero();
@@ -402,7 +402,7 @@ TEST(LoadForks, ResetForgetsContactAndForks) {
 }
 
 // Without K_eps the forces are parts of it: the same arm, measured alike, and a hypothetical K_eps.
-TEST(LoadForks, WithoutKEpsAForceIsAPartOfIt) {
+TEST(OnsetHypotheses, WithoutKEpsAForceIsAPartOfIt) {
   Bench bench(14);
   const ArmModel unknown(test::ringArm(test::helicalRing()));
   TipCompliance parts(unknown);
