@@ -368,7 +368,7 @@ class TagCost final : public ReadingCost {
       state.base.front().fill(rows, 0, moved);
       out.template middleCols<6>(columns_.base) = moved.topRows(m);
     }
-    if constexpr (Model::kBleeds) {
+    if constexpr (Model::kBorderShifts) {
       if (columns_.border_shift >= 0) out.col(columns_.border_shift) = rows.by_border_shift;
     }
     if (columns_.tag >= 0) {
@@ -384,7 +384,7 @@ class TagCost final : public ReadingCost {
 
   // Whether the tag faces the camera.
   bool faces(const CaptureState& state, const Values& values) const {
-    if constexpr (Model::kBleeds) {
+    if constexpr (Model::kBorderShifts) {
       const lie::SE3 X_CT = model_.X_CB0 * poseAt(state, values).X_B0T;
       return X_CT.translation.z() > 0 &&
              -X_CT.rotation.col(2).dot(X_CT.translation.normalized()) > kFacing;
@@ -395,7 +395,7 @@ class TagCost final : public ReadingCost {
  private:
   static std::set<ParameterBlock> rigOf(bool takes_tag) {
     std::set<ParameterBlock> rig{ParameterBlock::kBase};
-    if (Model::kBleeds) rig.insert(ParameterBlock::kBorderShift);
+    if (Model::kBorderShifts) rig.insert(ParameterBlock::kBorderShift);
     if (takes_tag) rig.insert(ParameterBlock::kTag);
     return rig;
   }

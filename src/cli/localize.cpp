@@ -44,7 +44,7 @@ json suspicionsOf(const estimation::TwistFit& fit, const estimation::TwistFitOpt
           "check camera.position_m and rpy_deg, arm.base, camera.focal_px and tags.size_m, or "
           "widen vision.base_prior");
   }
-  if (options.free_bleed) {
+  if (options.free_border_shift) {
     judge("bleed_m", std::abs(fit.border_shift) / options.border_shift_prior,
           "check tags.size_m (`helix_arm tags` prints over which edge) and the exposure, or widen "
           "vision.bleed_prior_m");
@@ -182,7 +182,7 @@ class Locator {
     located["tip"] = toJson(measuredTip(fit));
     located["tip_covariance"] = rowsJson(fit.tip_covariance);
     if (options.free_base) located["base"] = toJson(fit.X_B0B);
-    if (options.free_bleed) located["bleed_m"] = fit.border_shift;
+    if (options.free_border_shift) located["bleed_m"] = fit.border_shift;
     return located;
   }
 
@@ -255,7 +255,7 @@ CsvTable tagTable(const io::Scene& scene, const json& frames) {
   for (const json& frame : frames) {
     CsvTable::Row fitted = cellsOf(frame, {"rms_px"});
     if (options.free_base) appendPose("base_", frame["base"], fitted);
-    if (options.free_bleed) fitted.push_back(cellsOf(frame, {"bleed_m"}).front());
+    if (options.free_border_shift) fitted.push_back(cellsOf(frame, {"bleed_m"}).front());
     appendTwists(frame["twist"], scene.arm.sectionCount(), fitted);
     for (std::size_t i = 0; i < std::max<std::size_t>(frame["tags"].size(), 1); ++i) {
       const json tag = frame["tags"].empty() ? json() : frame["tags"][i];

@@ -240,7 +240,7 @@ TradeRow searchRow(const io::Scene& scene, const Film& film, TrackingMode mode, 
 // Parameters that a fit estimates in addition to the shape.
 struct FitMode {
   const char* setting;
-  bool free_base, free_bleed, cold;
+  bool free_base, free_border_shift, cold;
 };
 
 // The corners of all pictures are detected once, so that only the fit is timed.
@@ -265,7 +265,7 @@ std::vector<TradeRow> fitRows(const io::Scene& scene, const Film& film) {
         FitMode{"base and bleed free", true, true, false}, FitMode{"cold", false, false, true}}) {
     estimation::TwistFitOptions options = scene.vision.fit;
     options.free_base = mode.free_base;
-    options.free_bleed = mode.free_bleed;
+    options.free_border_shift = mode.free_border_shift;
     estimation::TwistFitter fitter(view.layout, view.sections, options);
     std::vector<double> times, errors;
     for (std::size_t i = 0; i < seen.size(); ++i) {

@@ -149,7 +149,7 @@ class PlacementProblem {
     TwistFitOptions fit;
     fit.corner_noise = options.corner_noise;
     fit.robust_scale = options.robust_scale;
-    fit.free_base = fit.free_bleed = true;
+    fit.free_base = fit.free_border_shift = true;
     fit.base_prior = kAnyBase;
     fit.border_shift_prior = options.border_shift_prior;
     return fit;

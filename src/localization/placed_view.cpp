@@ -124,7 +124,7 @@ std::optional<RigEstimate::Matrix> rigByPlacements(const PlacedView& placed, con
   if (!errors) return std::nullopt;
   RigEstimate::Matrix out = RigEstimate::Matrix::Zero();
   const int first = placed.fit.free_base ? 0 : 6;
-  const int count = (placed.fit.free_base ? 6 : 0) + (placed.fit.free_bleed ? 1 : 0);
+  const int count = (placed.fit.free_base ? 6 : 0) + (placed.fit.free_border_shift ? 1 : 0);
   out.block(first, first, count, count) = covarianceOf(errors->bottomRows(count));
   return out;
 }

@@ -48,7 +48,7 @@ RigMemory::RigMemory(const TwistFitOptions& options, const Matrix& by_placements
     : options_(options),
       by_placements_(by_placements),
       estimate_(options),
-      teaches_(options.free_base || options.free_bleed),
+      teaches_(options.free_base || options.free_border_shift),
       held_(!teaches_) {}
 
 TwistFitOptions RigMemory::heldOptions(TwistFitOptions options) {
@@ -105,7 +105,7 @@ void RigMemory::conclude() {
             narrow.covariance.diagonal().segment(first, count).array())
         .all();
   };
-  held_ |= (!options_.free_base || surer(0, 6)) && (!options_.free_bleed || surer(6, 1));
+  held_ |= (!options_.free_base || surer(0, 6)) && (!options_.free_border_shift || surer(6, 1));
   if (held_) estimate_.covariance = narrow.covariance;
 }
 

@@ -194,7 +194,7 @@ double TwistEquations::addPriors(const FitPoint& point, bool bleeds,
       for (int k = 0; k < count; ++k) hessian(first + i, first + k) += by_base(i, k);
     }
   } else if (bleeds) {
-    const int b = bleedColumn();
+    const int b = borderShiftColumn();
     const double information = 1 / rig_.covariance(kBaseParameters, kBaseParameters);
     const double residual = point.border_shift - rig_.mean[kBaseParameters];
     cost += information * residual * residual;

@@ -20,7 +20,7 @@ namespace helix_arm::estimation {
 
 /// Residuals of one tag, in expected standard deviations. A small rigid motion [v; w] of the tag,
 /// about the origin of the nominal base B0, changes them by by_v v + by_w w, border shift by
-/// by_bleed.
+/// by_border_shift.
 template <int kRows>
 struct TagRows {
   static constexpr int kCount = kRows;
@@ -32,7 +32,7 @@ struct TagRows {
 struct CornerModel {
   using Observation = CornerObservation;
   using Rows = TagRows<8>;
-  static constexpr bool kBleeds = true;
+  static constexpr bool kBorderShifts = true;
 
   lie::SE3 X_CB0;  // nominal base seen from the camera
   double weight;   // focal length / noise
@@ -80,7 +80,7 @@ struct CornerModel {
 struct PoseModel {
   using Observation = PoseObservation;
   using Rows = TagRows<6>;
-  static constexpr bool kBleeds = false;
+  static constexpr bool kBorderShifts = false;
 
   const TwistFitOptions& options;
 
@@ -231,7 +231,7 @@ class TwistEquations {
   /// Number of parameters.
   template <class Model>
   int parameters() const {
-    return bleedColumn() + (bleeds<Model>() ? 1 : 0);
+    return borderShiftColumn() + (bleeds<Model>() ? 1 : 0);
   }
   /// Sum of a tag's squared residuals beyond which it is an outlier.
   template <class Model>
@@ -262,7 +262,7 @@ class TwistEquations {
     point.base_offset.setZero();
     if (options_.free_base) point.base_offset = rig_.mean.head<kBaseParameters>();
     point.X_B0B = lie::SE3::exp(point.base_offset);
-    point.border_shift = options_.free_bleed ? rig_.mean[kBaseParameters] : 0.0;
+    point.border_shift = options_.free_border_shift ? rig_.mean[kBaseParameters] : 0.0;
   }
 
   /// Sets `to` to the point one step away from `from`.
@@ -277,7 +277,7 @@ class TwistEquations {
       to.X_B0B = from.X_B0B * lie::SE3::exp(step.template segment<6>(baseColumn()));
       to.base_offset = to.X_B0B.log();
     }
-    to.border_shift = from.border_shift + (bleeds<Model>() ? step[bleedColumn()] : 0.0);
+    to.border_shift = from.border_shift + (bleeds<Model>() ? step[borderShiftColumn()] : 0.0);
   }
 
   /// Computes a point's cost (infinite if a tag is behind the camera), residuals, normal equations.
@@ -355,7 +355,9 @@ class TwistEquations {
   static constexpr int kOutOfPlane[] = {2, 3, 4};
 
   int baseColumn() const { return 6 * sections_; }
-  int bleedColumn() const { return 6 * sections_ + (options_.free_base ? kBaseParameters : 0); }
+  int borderShiftColumn() const {
+    return 6 * sections_ + (options_.free_base ? kBaseParameters : 0);
+  }
   double addPriors(const FitPoint& point, bool bleeds, Eigen::Ref<Eigen::VectorXd> gradient,
                    Eigen::Ref<Eigen::MatrixXd> hessian) const;
   // By how much each tag's place is known worse than that of the best one: a calibration's errors
@@ -364,7 +366,7 @@ class TwistEquations {
 
   template <class Model>
   bool bleeds() const {
-    return Model::kBleeds && options_.free_bleed;
+    return Model::kBorderShifts && options_.free_border_shift;
   }
 
   lie::SE3 poseOf(const TagPlacement& tag, const PiecePlace& place,
@@ -390,7 +392,7 @@ class TwistEquations {
     }
     jacobian.fill(rows, 6 * k, J);
     if (options_.free_base) base_jacobian_.fill(rows, baseColumn(), J);
-    if (bleeds<Model>()) J.col(bleedColumn()) = rows.by_border_shift;
+    if (bleeds<Model>()) J.col(borderShiftColumn()) = rows.by_border_shift;
     if (options_.planar) {
       for (int j = 0; j <= k; ++j) {
         for (const int entry : kOutOfPlane) J.col(6 * j + entry).setZero();

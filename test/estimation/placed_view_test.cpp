@@ -149,7 +149,7 @@ TEST_F(Placements, DifferenceIsThatOfRepeatedFits) {
 // Of a base that is fitted with hardly any prior, on rigs whose base is where it is thought.
 TEST_F(Placements, RigByPlacementsIsThatOfRepeatedFits) {
   TwistFitOptions fit;
-  fit.free_base = fit.free_bleed = true;
+  fit.free_base = fit.free_border_shift = true;
   fit.robust_scale = 100;
   PlacedView placed = viewOf(view_, fit, {0.0003, 0.3 * kDegree}, fit.base_prior);
   const std::vector<int> tags = seenTags();

@@ -17,7 +17,7 @@ constexpr double kDegree = test::kPi / 180;
 
 TwistFitOptions freeRig() {
   TwistFitOptions out;
-  out.free_base = out.free_bleed = true;
+  out.free_base = out.free_border_shift = true;
   out.base_prior = {0.002, 0.5 * kDegree};
   return out;
 }
@@ -176,7 +176,7 @@ TEST(BaseWatch, AMoveSinceEarlierPicturesIsNamedSooner) {
 
 TEST(RigMemory, HasNothingToLearnWhereNothingIsFitted) {
   TwistFitOptions options = freeRig();
-  options.free_base = options.free_bleed = false;
+  options.free_base = options.free_border_shift = false;
   RigMemory memory(options, Matrix::Zero());
   EXPECT_TRUE(memory.isHeld());
   TwistFit fit;

@@ -152,7 +152,7 @@ class Eye {
 
 TwistFitOptions freeBase() {
   TwistFitOptions out;
-  out.free_base = out.free_bleed = true;
+  out.free_base = out.free_border_shift = true;
   return out;
 }
 

@@ -193,7 +193,7 @@ TEST_F(TwistFitTest, BleedIsFoundBesideTheTwists) {
   options.corner_noise = 0.01;
   options.model_prior = {1e6, 1e6};
   TwistFitter ignorant(view_.layout, 1, options);
-  options.free_bleed = true;
+  options.free_border_shift = true;
   TwistFitter aware(view_.layout, 1, options);
   const TwistFit& fit = aware.fit(seen, view_.X_CB, view_.camera.fx, twists);
   ASSERT_EQ(fit.status, FitStatus::kConverged);
@@ -410,7 +410,7 @@ TEST(TwistFit, WarmFitsDoNotAllocate) {
     const auto seen = test::observe(view, visibleTags(view, shape, 0.3), 0.3, random);
     for (const bool free : {false, true}) {
       TwistFitOptions options;
-      options.free_base = options.free_bleed = free;
+      options.free_base = options.free_border_shift = free;
       TwistFitter fitter(view.layout, 2, options);
       fitter.fit(seen, view.X_CB, view.camera.fx, shape);
       const test::AllocationCounter allocations;

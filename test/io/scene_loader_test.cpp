@@ -221,7 +221,7 @@ TEST(SceneLoader, VisionIsInSi) {
   EXPECT_NEAR(config.fit.rotation_noise, 5 * kPi / 180, kTolerance);
   EXPECT_NEAR(config.fit.base_prior.rotation, 0.9 * kPi / 180, kTolerance);
   EXPECT_TRUE(config.fit.free_base);
-  EXPECT_TRUE(config.fit.free_bleed);
+  EXPECT_TRUE(config.fit.free_border_shift);
 }
 
 TEST(SceneLoader, SimulationSaysHowTheRigDiffers) {
@@ -288,7 +288,7 @@ TEST(SceneLoader, WhatAPlanarSceneLeavesOutIsAbsent) {
   EXPECT_FALSE(scene.tags);
   EXPECT_FALSE(scene.camera);
   EXPECT_FALSE(scene.vision.fit.free_base);
-  EXPECT_FALSE(scene.vision.fit.free_bleed);
+  EXPECT_FALSE(scene.vision.fit.free_border_shift);
   EXPECT_EQ(scene.vision.detector.quad_decimate, vision::DetectorConfig().quad_decimate);
   EXPECT_EQ(scene.simulation.arm.K_kappa_scale, 1);
   EXPECT_EQ(scene.safety.commander_timeout, SafetyConfig().commander_timeout);

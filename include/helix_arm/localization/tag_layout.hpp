@@ -40,7 +40,7 @@ struct TagLayout {
   /// with the smallest s, then the smallest id. A calibration of placements keeps this tag fixed.
   int baseTag() const;
   /// Outer corners of the black border in T [m].
-  /// @param border shift  width of white bleeding into black at each edge, by which the border
+  /// @param border_shift  width of white bleeding into black at each edge, by which the border
   /// appears
   ///     smaller [m].
   Corners corners(double border_shift = 0.0) const;

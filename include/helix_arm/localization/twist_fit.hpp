@@ -64,7 +64,8 @@ struct TwistFitOptions {
   bool planar = false;     ///< the arm bends in its x-y plane: mean v_z, w_x and w_y stay 0
   bool free_base = false;  ///< fit the base as well, under its prior
   BasePrior base_prior;
-  bool free_bleed = false;  ///< fit the width of white bleeding into black as well, under its prior
+  bool free_border_shift =
+      false;  ///< fit the width of white bleeding into black as well, under its prior
   double border_shift_prior = 0.0005;  ///< standard deviation of the border shift [m]
   int max_iterations = 50;             ///< of the Levenberg-Marquardt method
 

@@ -274,7 +274,7 @@ vision::LocalizerConfig readVision(const MapReader& scene, const std::string& fa
   if (!family.empty()) config.detector.family = family;
   if (const auto keys = scene.map("vision", visionKeys(config))) {
     config.fit.free_base = keys->has("base_prior");
-    config.fit.free_bleed = keys->has("bleed_prior_m");
+    config.fit.free_border_shift = keys->has("bleed_prior_m");
     if (!keys->isSound()) return config;
   }
   try {
