@@ -199,7 +199,7 @@ class TagPattern {
   // area, that on the card, and the whole.
   using Areas = Eigen::Array3d;
 
-  // @param border shift  of white into black at each edge, >= 0, less than half the least cell
+  // @param border_shift  of white into black at each edge, >= 0, less than half the least cell
   // [units].
   TagPattern(const CardPrint& print, double border_shift) {
     Strips across = stripsOf(print.across, border_shift), down = stripsOf(print.down, border_shift);
@@ -321,7 +321,7 @@ void paintPixel(const Areas& areas, double light, uchar& pixel) {
 // is computed from the exact area of the card that it covers.
 class TagPainter {
  public:
-  // @param border shift  width by which white bleeds into black at each edge [m].
+  // @param border_shift  width by which white bleeds into black at each edge [m].
   // @throws std::invalid_argument on a border shift of half a cell or more.
   TagPainter(const estimation::Camera& camera, const std::vector<CardPrint>& prints,
              double border_shift)
