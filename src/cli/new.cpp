@@ -72,10 +72,15 @@ struct NewArguments {
   bool given(const char* option) const { return command->count(option) > 0; }
 };
 
-// "simulated, none, alicat, .."
+// "simulated, none, alicat (psi), .."
 std::string regulators() {
   std::string names = "simulated, none";
-  for (const std::string& profile : io::shippedProfiles()) names += ", " + profile;
+  for (const std::string& name : io::shippedProfiles()) {
+    const regulator::Profile profile = io::loadRegulatorProfile(name);
+    const auto* serial = std::get_if<regulator::SerialProfile>(&profile);
+    names +=
+        ", " + name + (serial != nullptr && serial->pascals == regulator::kPsi ? " (psi)" : "");
+  }
   return names;
 }
 

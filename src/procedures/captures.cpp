@@ -409,13 +409,16 @@ std::vector<std::string> warningsOfScatter(const io::Scene& scene,
     scatter.back() = scatterOfPoses(fit, scene.vision.fit.planar);
   }
   const estimation::CaptureCheck check = estimation::checkCaptures(scatter);
-  std::vector<std::string> out;
+  std::vector<int> apart;
+  double largest = 0;
   for (std::size_t i = 0; i < captures.size(); ++i) {
     if (!check.apart[i]) continue;
-    out.push_back("capture " + std::to_string(captures[i].number) + ": " +
-                  scatterText(scatter[i]->rms, *check.usual));
+    apart.push_back(captures[i].number);
+    largest = std::max(largest, scatter[i]->rms);
   }
-  return out;
+  if (apart.empty()) return {};
+  return {(apart.size() > 1 ? "captures " : "capture ") + io::listOf(apart) +
+          (apart.size() > 1 ? ", the largest: " : ": ") + scatterText(largest, *check.usual)};
 }
 
 void addCaptures(std::vector<estimation::Capture> captures, const std::string& file,

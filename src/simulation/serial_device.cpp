@@ -8,10 +8,10 @@ namespace helix_arm::simulation {
 namespace {
 
 using control::Valve;
+using regulator::kPsi;
 using regulator::LineFormat;
 
 constexpr const char* kSerialDevice = "serial device";
-constexpr double kPsi = 6894.757293168;
 
 int channelsOf(const regulator::SerialConfig& regulator, const EmulatedDeviceConfig& config) {
   const regulator::SerialProfile& profile = regulator.profile;

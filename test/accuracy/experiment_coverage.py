@@ -44,7 +44,7 @@ class OwnRig:
         self.valve, self.noise_pa, self.noise_m, self.unseen = 200.0, r.uniform(1e3, 5e3), r.uniform(1e-4, 5e-4), 0.03
         self.stroke = r.uniform(0.8, 1.2, 3)
         self.compliance = np.diag(r.uniform(2e-3, 8e-3, 3)) * r.uniform(0.7, 1.3)
-        self.force = np.zeros(3)
+        self.force, self.late = np.zeros(3), 2 + seed % 4  # late: rows of the regulator's dead time
 
     def hang(self, force):
         self.force = force
@@ -61,6 +61,9 @@ class OwnRig:
     def lagged(self, value, time_s):
         keep = np.exp(-STEP_S / time_s)
         return lfilter([1 - keep], [1, -keep], value, axis=0, zi=keep * value[:1])[0]
+
+    def delayed(self, value, rows):
+        return np.concatenate([np.repeat(value[:1], rows, axis=0), value])[:len(value)]
 
     def played(self, value):
         out = np.empty_like(value)
@@ -79,9 +82,8 @@ class OwnRig:
         return start + lfilter([a.sum()], a, value - start, axis=0)
 
     def motion(self, targets):
-        pressure = self.lagged(targets, self.regulator)
-        late = np.concatenate([np.repeat(pressure[:1], self.dead, axis=0), pressure])[:len(pressure)]
-        fast = self.played(self.lagged(late, self.lag))
+        pressure = self.delayed(self.lagged(targets, self.regulator), self.late)
+        fast = self.played(self.lagged(self.delayed(pressure, self.dead), self.lag))
         effective = (1 - self.creep) * fast + self.creep * self.lagged(fast, self.creep_s)
         return pressure, self.tips(self.swung(effective)) + self.compliance @ self.force
 
@@ -132,6 +134,7 @@ def step_truth(rig, trials):
                         found.setdefault((words, what), []).append(STEP_S * (k - (part[k] - level) / (part[k] - part[k - 1])))
                     found.setdefault(("overshoot", what), []).append(100 * (part[:int(0.8 * len(part))].max() - 1))
             out.update({f"{name} {way} {words}, {what}": np.mean(values) for (words, what), values in found.items()})
+            out[f"{name} {way} dead time, pressure"] = (rig.late - 0.5) * STEP_S  # lagged() takes a row's target before its time
         out[f"{name} frequency"], out[f"{name} damping ratio"] = rig.frequency, rig.damping
     return out
 

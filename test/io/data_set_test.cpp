@@ -130,6 +130,7 @@ TEST(DataSet, WhatIsNoTableOfOursIsNamed) {
   expectNamed("Format Version,1.23,Take Name,arm\n\n,Type\n", "OptiTrack Motive");
   expectNamed("Trajectories\n100\n,,arm:tip\n", "Vicon Nexus");
   expectNamed("%time,field.header.seq\n1,2\n", "rostopic echo -p");
+  expectNamed("name: rig\ncontractions:\n  a: {}\narm:\n  b: 1\n", "is a scene, not data");
 }
 
 TEST(DataSet, AFileWithoutATableIsAFault) {

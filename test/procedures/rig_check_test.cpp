@@ -194,24 +194,8 @@ TEST(RigCheck, CurvesThatHardlyMoveAMuscleAreNamed) {
                 Severity::kNote, "muscle_1", "46.7 % of its contraction curve");
 }
 
-TEST(RigCheck, StiffnessInAnotherUnitIsNamed) {
-  const auto remedyOf = [](const std::string& key, const std::string& value,
-                           const std::string& check) {
-    const auto findings = found(sceneOf("loaded", {{"arm.stiffness." + key, value}}), check);
-    return findings.empty() ? "none" : nameOf(findings[0].severity) + findings[0].remedy;
-  };
-  EXPECT_EQ(remedyOf("K_kappa_m2", "98", "K_kappa"),
-            "faultgive it in m^2: 9.8e-05 if it is in mm^2");
-  EXPECT_EQ(remedyOf("K_kappa_m2", "0.98", "K_kappa"),
-            "faultgive it in m^2: 9.8e-05 if it is in cm^2");
-  EXPECT_TRUE(test::has(remedyOf("K_eps_n", "0.9", "K_eps"), "in N: 900 if it is in kN"));
-  EXPECT_TRUE(test::has(remedyOf("K_eps_n", "900000", "K_eps"), "in N: 900 if it is in mN"));
-  for (const char* usual : {"14", "1500"}) EXPECT_EQ(remedyOf("K_eps_n", usual, "K_eps"), "none");
-  for (const char* usual : {"0", "6e-4"}) {
-    EXPECT_EQ(remedyOf("K_kappa_m2", usual, "K_kappa"), "none");
-  }
-  const auto heavy = found(sceneOf("loaded", {{"load.mass_kg", "90"}}), "K_eps");
-  EXPECT_EQ(heavy.size(), 0u);
+TEST(RigCheck, ALoadThatNoMuscleBearsIsNamed) {
+  EXPECT_TRUE(found(sceneOf("loaded", {{"load.mass_kg", "90"}}), "K_eps").empty());
   EXPECT_EQ(found(sceneOf("loaded", {{"load.mass_kg", "300"}}), "K_eps").size(), 1u);
 }
 

@@ -133,6 +133,18 @@ TEST(ModbusTcpDriver, AbsoluteDevicesAreGaugeAbove) {
   EXPECT_NEAR(readingOf(at.driver, 1)[0], 1e5, 1e-6);
 }
 
+// As docs/safety.md says of Festo terminals: ten times the air, and all looks well.
+TEST(ModbusTcpDriver, NothingShowsThatADeviceIsSetToAnotherUnit) {
+  ModbusProfile in_kpa = mpaProfile();
+  in_kpa.pascals = 1e3;
+  const EmulatedDevice device(quietDevice(in_kpa, 1));
+  const auto driver = driverOf(mpaProfile(), device.port(), {0});
+  driver->connect();
+  driver->write(regulate({3e4}));
+  EXPECT_TRUE(eventually([&] { return std::abs(device.pressure()[0] - 3e5) < 1e-3; }));
+  EXPECT_EQ(readingOf(driver, 1)[0], 3e4);
+}
+
 TEST(ModbusTcpDriver, TheSupplyIsReadIfTheProfileHasIt) {
   ModbusProfile profile = mpaProfile();
   profile.supply = 45390;

@@ -92,7 +92,7 @@ estimation::CaptureScatter scatterOfPoses(const estimation::TwistFit& fit, bool 
 /// "no shape explains it: its tags are off by RMS 54.0 mm, usual are 13.7 mm; ...".
 std::string scatterText(double rms, double usual);
 
-/// One warning for each capture of tag positions that no shape explains.
+/// A warning that names the captures of tag positions that no shape explains; empty without any.
 std::vector<std::string> warningsOfScatter(const io::Scene& scene,
                                            const std::vector<estimation::Capture>& captures);
 

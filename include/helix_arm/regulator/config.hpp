@@ -39,6 +39,8 @@ struct DeviceFacts {
   }
 };
 
+inline constexpr double kPsi = 6894.757293168;  ///< [Pa]
+
 /// Protocol of a device on a serial line: lines of text in the syntax of line_format.hpp.
 ///
 /// There are three kinds of devices: one line per channel with its `{address}`, on request; one

@@ -283,6 +283,9 @@ std::string foreignKind(std::string_view text) {
       return std::string("is an export of Vicon Nexus; ") + kOurTable;
     }
   }
+  if (text.find("\narm:") != text.npos && text.find("\ncontractions:") != text.npos) {
+    return std::string("is a scene, not data; ") + kOurTable;
+  }
   if (begins("%time,")) {
     return "is printed by rostopic echo -p; expected a bag of these topics, which calibrate takes "
            "as it is, or " +

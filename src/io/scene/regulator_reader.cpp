@@ -62,7 +62,7 @@ MapReader readSerialProfile(const Value& map, regulator::SerialProfile& profile,
   constexpr Text kLine{"a line of text"}, kSeparator{"the separator of numbers"};
   const OneOf<std::string> kTerminator{{{"cr", "\r"}, {"lf", "\n"}, {"crlf", "\r\n"}}};
   const OneOf<double> kUnit{
-      {{"psi", 6894.757293168}, {"kPa", 1e3}, {"bar", 1e5}, {"mbar", 100}, {"Pa", 1}}};
+      {{"psi", regulator::kPsi}, {"kPa", 1e3}, {"bar", 1e5}, {"mbar", 100}, {"Pa", 1}}};
   double scale = 1.0;
   MapReader keys(map, regulator::SerialConfig::kKind,
                  {{"baud", Whole{1200, 2000000}, profile.baud},

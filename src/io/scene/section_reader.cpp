@@ -6,6 +6,8 @@
 #include <stdexcept>
 #include <string>
 
+#include "helix_arm/basics/pi.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/number.hpp"
 #include "io/document/map_reader.hpp"
 #include "scene_readers.hpp"
@@ -443,6 +445,40 @@ void checkTable(const MapReader& keys, const char* key, const model::StiffnessTa
   }
 }
 
+// In squares of the ring's radius: pressure then bends the section by 1 % of what its ring allows.
+constexpr double kMostBending = 100;
+// In forces that the pressure range has on the cross-section of a muscle.
+constexpr double kLeastExtensional = 0.02, kMostExtensional = 1000;
+
+// Refuses a stiffness out of proportion to the section's ring and muscles, as in another unit.
+// After other faults, a default may stand for what was given.
+void checkStiffness(const MapReader& keys, const SectionParts& parts) {
+  if (keys.faults().count() > 0) return;
+  double radius = parts.look.muscle_radius, K_kappa = 0, force = 0;
+  const double area = basics::kPi * radius * radius;
+  for (const model::Actuator& actuator : parts.section.actuators) {
+    radius = std::max(radius, actuator.X_O.translation.norm());
+    K_kappa = std::max(K_kappa, actuator.stiffness.kappa);
+    if (!model::isPressure(actuator.drive)) continue;
+    force = std::max(force, (actuator.limits.upper - actuator.limits.lower) * area);
+  }
+  const auto figure = [](double value) { return basics::format("%.3g", value); };
+  if (const double square = radius * radius; K_kappa > kMostBending * square) {
+    const bool is_mm = 1e-6 * K_kappa > 0.01 * square;
+    keys.complain("", "has K_kappa_m2 ", figure(K_kappa), "; expected at most ",
+                  figure(kMostBending * square), " m^2, 100 times the ring's radius squared: ",
+                  figure((is_mm ? 1e-6 : 1e-4) * K_kappa), " if it is in ",
+                  is_mm ? "mm^2" : "cm^2");
+  }
+  const double least = kLeastExtensional * force, most = kMostExtensional * force;
+  const double K_eps = parts.stiffness.K_eps.value_or(most);
+  if (force == 0 || (K_eps >= least && K_eps <= most)) return;
+  keys.complain(
+      "", "has K_eps_n ", figure(K_eps), "; expected ", figure(least), " to ", figure(most),
+      " N, from the pressures and muscle_radius_m: ", figure((K_eps < least ? 1e3 : 1e-3) * K_eps),
+      " if it is in ", K_eps < least ? "kN" : "mN");
+}
+
 }  // namespace
 
 model::Response readResponse(const MapReader& owner, const std::string& key) {
@@ -538,6 +574,7 @@ SectionParts readSection(const Value& value, const std::string& path, FaultList&
   parts.section.bending = parts.stiffness.bending;
   checkTable(keys, kEpsKeys.key, parts.stiffness.table, parts.section);
   checkTable(keys, kKappaKeys.key, parts.section.bending, parts.section);
+  checkStiffness(keys, parts);
   return parts;
 }
 
