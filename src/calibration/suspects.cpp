@@ -95,9 +95,10 @@ struct Square {
   double mean;    // in expected variances, without the share that may be wrong: 1 for noise
   int residuals;  // in all
   double border_shift = 0;  // [m]
-  double moved = 0;    // half the square of the base's motion, in deviations of a rig that moved
-  double usual = 1;    // mean square of a sound arm, if asked for
-  lie::SE3 base = {};  // from where the scene has it
+  double moved = 0;     // half the square of the base's motion, in deviations of a rig that moved
+  double usual = 1;     // mean square of a sound arm, if asked for
+  lie::SE3 base = {};   // from where the scene has it
+  double tag_turn = 0;  // of the placement that is turned farthest [rad]
   std::map<int, double> of_tag = {};  // of the first arm: medians, by the index in the layout
 };
 
@@ -190,6 +191,9 @@ class Residual {
     const double moved = 0.5 * (far * far + turned * turned);
     Square out{mean, residuals, border_shift, moved, scale * scale, base};
     for (auto& [tag, all] : by_tag) out.of_tag[tag] = basics::medianOf(std::move(all));
+    for (const lie::Vector6& tag : problem.values().tags) {
+      out.tag_turn = std::max(out.tag_turn, tag.tail<3>().norm());
+    }
     return out;
   }
 
@@ -763,7 +767,7 @@ std::vector<Suspect> turnedAlone(const Evidence& evidence, const Residual& resid
     if (square > far) odd.push_back(tag);
   }
   std::vector<Suspect> out;
-  if (arm.captures.size() < 2 || odd.size() > kMost) return {};
+  if (odd.size() > kMost) return {};
   for (const int tag : odd) {
     std::vector<Trial> trials;
     addTurnsOf(rowOf(arm.layout, {tag}), arm.layout, trials);
@@ -832,7 +836,8 @@ std::vector<Suspect> suspectsOf(const std::vector<ArmCaptures>& arms,
                     fitted && !*outside};
   // A wrong tag size is taken up by the bleeding, and a tag that is glued otherwise by its
   // placement, as far as they are fitted.
-  const bool placed = options.tags && evidence.before.mean > kFar * kFar;
+  const bool placed = options.tags && (evidence.before.mean > kFar * kFar ||
+                                       evidence.before.tag_turn > 0.25 * basics::kPi);
   if (placed ||
       std::abs(evidence.before.border_shift) > kMostBorderShift * options.border_shift_prior) {
     given.options.border_shift = false;

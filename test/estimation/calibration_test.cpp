@@ -175,9 +175,9 @@ TEST(Suspects, NameTheStripAlongAMuscleThatIsTurnedAndATagThatIsTurnedAlone) {
   Random random(7);
   const ArmCaptures sound =
       corners(known, view, test::drawRig(known, view, {}, random), 0.2, random);
-  // A placement that is fitted takes up other quarters than two.
   for (const auto& [quarters, placement] :
-       {std::pair(1, false), std::pair(2, false), std::pair(3, false), std::pair(2, true)}) {
+       {std::pair(1, false), std::pair(2, false), std::pair(3, false), std::pair(1, true),
+        std::pair(2, true), std::pair(3, true)}) {
     for (const std::vector<int>& turned : {std::vector<int>{4, 10, 16, 22}, std::vector<int>{10}}) {
       ArmCaptures data = sound;
       for (Capture& capture : data.captures) {
@@ -194,6 +194,12 @@ TEST(Suspects, NameTheStripAlongAMuscleThatIsTurnedAndATagThatIsTurnedAlone) {
       EXPECT_EQ(suspects.front().cause, "tags_turned");
       EXPECT_EQ(suspects.front().where, turned.size() == 1 ? "tag 10" : "tags 4, 10, 16, 22");
       EXPECT_GT(suspects.front().explains, 0.9);
+      data.captures.resize(1, data.captures.front());
+      options.K_kappa = options.K_gamma = false;
+      options.free_shapes = options.base = true;
+      const auto of_one = suspectsOf({data}, options);
+      ASSERT_FALSE(of_one.empty()) << "of one picture, " << turned.size() << " " << quarters;
+      EXPECT_EQ(of_one.front().where, suspects.front().where);
     }
   }
   EXPECT_TRUE(suspectsOf({sound}, {}).empty());
