@@ -201,7 +201,12 @@ class FollowTipPath(LoopRig):
 
     def test_nodes_of_different_scenes_are_an_error_and_end_a_goal(self):
         diagnostics, demo = self.inbox("/diagnostics", DiagnosticArray), SOURCE + "/config/scenes/demo.yaml"
+        waiting = goal_along([MIDDLE, BESIDE], 1.0)
+        waiting.path.header.stamp = rospy.Time.now() + rospy.Duration(50)
+        self.send(waiting)
+        self.assert_wait(lambda: self.client.get_state() == GoalStatus.ACTIVE)
         self.assertTrue(reload("pressure_command", self.scene_with(demo, {"arm.stiffness.K_kappa_m2": 2e-4})).success)
+        self.assert_ends(FollowTipPathResult.NOT_ENABLED, "another file")
         self.send(goal_along([MIDDLE, BESIDE], 30.0))
         self.assert_ends(FollowTipPathResult.NOT_ENABLED, "another file")
         for node in NODES:
