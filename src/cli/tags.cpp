@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <filesystem>
 #include <memory>
 #include <string>
@@ -7,7 +8,9 @@
 #include "command.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/basics/text.hpp"
+#include "helix_arm/io/number.hpp"
 #include "helix_arm/procedures/report_plot.hpp"
+#include "helix_arm/procedures/rig_check.hpp"
 #include "helix_arm/procedures/unrolled_tags.hpp"
 #include "helix_arm/vision/charuco_board.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
@@ -23,14 +26,28 @@ const std::vector<std::string> kPapers = {"a4", "letter"};  // tag_pages.py has 
 
 struct TagsArguments {
   std::string scene, out, paper = kPapers[0];
+  bool all_tags = false;
   BoardArguments board;
 };
 
 // The print.
 struct Print {
-  std::optional<io::Scene> scene;
+  std::optional<io::Scene> scene;  // with the tags to print
+  std::vector<int> left_out;       // ids of its other tags
   std::optional<CalibrationBoard> board;
 };
+
+// Leaves out the tags that no shape shows to the camera, unless that is all of them.
+void leaveOutUnseen(Print& print) {
+  const auto sight = procedures::checkRig(*print.scene).vision;
+  if (!sight || sight->unseen.size() == print.scene->tags->tags.size()) return;
+  print.left_out = sight->unseen;
+  auto& tags = print.scene->tags->tags;
+  const auto is_unseen = [&](const estimation::TagPlacement& tag) {
+    return std::count(print.left_out.begin(), print.left_out.end(), tag.id) > 0;
+  };
+  tags.erase(std::remove_if(tags.begin(), tags.end(), is_unseen), tags.end());
+}
 
 // A line per row of cells, with # for black ones.
 json rowsOf(const cv::Mat& cells) {
@@ -137,14 +154,12 @@ json writePages(const Print& print, const TagsArguments& arguments) {
 }
 
 json reportOf(const Print& print, const TagsArguments& arguments, const json& pages) {
-  json result{{"scene", nullptr},
-              {"family", nullptr},
-              {"size_m", nullptr},
-              {"ids", json::array()},
-              {"board", print.board ? boardJson(*print.board) : json()},
-              {"paper", arguments.paper},
-              {"pages", pages},
-              {"out", arguments.out}};
+  json result{
+      {"scene", nullptr},           {"family", nullptr},
+      {"size_m", nullptr},          {"ids", json::array()},
+      {"left_out", print.left_out}, {"board", print.board ? boardJson(*print.board) : json()},
+      {"paper", arguments.paper},   {"pages", pages},
+      {"out", arguments.out}};
   if (!print.scene) return result;
   result["scene"] = print.scene->name;
   result["family"] = print.scene->vision.detector.family;
@@ -167,20 +182,24 @@ int run(const TagsArguments& arguments, const GlobalOptions& global) {
   check(arguments, global);
   Print print;
   if (!arguments.scene.empty()) print.scene = loadScene(arguments.scene, global);
+  if (print.scene && !arguments.all_tags) leaveOutUnseen(print);
   if (arguments.board.given()) print.board = boardOf(arguments.board);
   checkPicture(arguments.out, "");
   const json report = reportOf(print, arguments, writePages(print, arguments));
   json counts = report;
   counts["tags"] = report["ids"].size();
   counts["board"] = print.board.has_value();
-  json shown = counts;
-  shown.erase("ids");
+  json shown = without(counts, {"ids", "left_out"});
   shown["board"] = textOrNull(arguments.board.kind);
   shown["notes"] = {"print at 100 % (\"actual size\"); both rulers must then be 100 mm long"};
   if (print.scene) {
     shown["notes"].push_back("each tag then measures " +
                              basics::format("%g mm over the ", 1e3 * print.scene->tags->size) +
                              vision::TagFamily(print.scene->vision.detector.family).sizeEdge());
+  }
+  if (!print.left_out.empty()) {
+    shown["notes"].push_back("left out, since no shape shows them to the camera: tags " +
+                             io::listOf(print.left_out) + "; --all-tags prints them as well");
   }
   printResult(global.format, report, shown, [&counts] {
     return cellsOf(counts, {"scene", "tags", "size_m", "board", "paper", "pages", "out"});
@@ -200,6 +219,8 @@ Subcommand addTags(CLI::App& app) {
             TypeName{"FILE.pdf"});
   addOption(*command, "--paper", arguments->paper, "paper: a4 or letter", CLI::IsMember(kPapers),
             kShowDefault);
+  command->add_flag("--all-tags", arguments->all_tags,
+                    "also the tags that no shape shows to the scene's camera");
   addBoardFlag(*command, arguments->board,
                "also a board for the calibration of a camera: tags (default), whose size does not "
                "depend on --paper, or charuco");
@@ -208,9 +229,10 @@ Subcommand addTags(CLI::App& app) {
 mark. The pages after that show the unrolled arm with s, muscle, angle and stand-off of
 each tag. Print at 100 % ("actual size"): two rulers of 100 mm show whether the printer
 keeps to it.
-json: scene, family, size_m (null without SCENE), ids, board {family, first_id, columns,
-rows, size_m, pitch_m} (null without --board; of a ChArUco board {dictionary, columns,
-rows, square_size_m, marker_size_m, legacy_pattern}), paper, pages (number), out.
+json: scene, family, size_m (null without SCENE), ids, left_out (ids), board {family,
+first_id, columns, rows, size_m, pitch_m} (null without --board; of a ChArUco board
+{dictionary, columns, rows, square_size_m, marker_size_m, legacy_pattern}), paper, pages
+(number), out.
 csv: a row of scene, tags, size_m, board, paper, pages, out.)");
   return {command, [arguments](const GlobalOptions& global) { return run(*arguments, global); }};
 }

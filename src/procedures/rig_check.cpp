@@ -427,13 +427,9 @@ void judge(const io::Scene& scene, const Samples& samples, const VisionFigures& 
                             " of the workspace",
                         "move the camera back, or turn it"});
   }
-  std::vector<int> unseen;
-  for (const estimation::TagPlacement& tag : scene.tags->tags) {
-    if (samples.seen.count(tag.id) == 0) unseen.push_back(tag.id);
-  }
-  if (!unseen.empty()) {
+  if (!figures.unseen.empty()) {
     findings.push_back(
-        {Severity::kNote, "tags_never_seen", "tags " + io::listOf(unseen),
+        {Severity::kNote, "tags_never_seen", "tags " + io::listOf(figures.unseen),
          "no shape of the workspace shows them to the camera, large enough to be read",
          "leave them out, or add them where the camera looks"});
   }
@@ -516,6 +512,9 @@ std::optional<VisionFigures> checkVision(const io::Scene& scene, int samples,
   figures.least_tags =
       static_cast<int>(*std::min_element(taken.counts.begin(), taken.counts.end()));
   figures.median_tags = basics::medianOf(taken.counts);
+  for (const estimation::TagPlacement& tag : scene.tags->tags) {
+    if (taken.seen.count(tag.id) == 0) figures.unseen.push_back(tag.id);
+  }
   figures.measured = static_cast<double>(taken.tip_sd.size()) / taken.solved;
   if (!taken.tip_sd.empty()) {
     figures.median_tip_sd = basics::medianOf(taken.tip_sd);

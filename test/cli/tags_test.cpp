@@ -52,7 +52,7 @@ class Printed {
  public:
   explicit Printed(std::vector<std::string> arguments) {
     arguments.insert(arguments.begin(), "tags");
-    arguments.insert(arguments.end(), {"--out", path(), "--format", "json"});
+    arguments.insert(arguments.end(), {"--all-tags", "--out", path(), "--format", "json"});
     const Outcome outcome = runCommand(arguments);
     EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
     report = outcome.json();
@@ -409,6 +409,7 @@ TEST(Tags, ABoardWithASceneIsOnePageMore) {
   const TemporaryFolder folder;
   const auto pagesOf = [&folder](std::vector<std::string> words) {
     words.insert(words.begin(), {"tags", "--out", folder / "tags.pdf"});
+    words.emplace_back("--all-tags");
     return resultOf(words)["pages"].get<std::size_t>();
   };
   const Printed both({scenePath("demo"), "--board"});
@@ -439,7 +440,22 @@ TEST(Tags, FormatsTellWhatWasPrinted) {
                      {"ids", json::array()}, {"paper", "letter"}, {"pages", 1}};
   for (const auto& [key, value] : nothing.items()) EXPECT_EQ(alone[key], value) << key;
   EXPECT_EQ(runCommand({"tags", "--out", out, scenePath("demo"), "--format", "csv"}).out,
-            "scene,tags,size_m,board,paper,pages,out\ndemo,21,0.031,0,a4,3," + out + "\n");
+            "scene,tags,size_m,board,paper,pages,out\ndemo,10,0.031,0,a4,2," + out + "\n");
+}
+
+TEST(Tags, ThatNoShapeShowsAreLeftOutUnlessAllAreAskedFor) {
+  const TemporaryFolder folder;
+  const auto told = [&folder](std::vector<std::string> words) {
+    words.insert(words.begin(), {"tags", scenePath("demo"), "--out", folder / "tags.pdf"});
+    return words;
+  };
+  const json seen{0, 1, 2, 3, 7, 13, 17, 18, 19, 20};
+  EXPECT_EQ(resultOf(told({}))["ids"], seen);
+  EXPECT_EQ(resultOf(told({}))["left_out"], json({4, 5, 6, 8, 9, 10, 11, 12, 14, 15, 16}));
+  EXPECT_EQ(resultOf(told({"--all-tags"}))["ids"].size(), 21u);
+  EXPECT_NE(runCommand(told({})).out.find("14, 15, 16; --all-tags prints them"), std::string::npos);
+  // A camera that sees none of them is at a wrong place.
+  EXPECT_EQ(resultOf(told({"--set", "camera.rpy_deg=[0, 0, 30]"}))["ids"].size(), 21u);
 }
 
 }  // namespace

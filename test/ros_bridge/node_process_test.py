@@ -109,6 +109,20 @@ class NodeProcess(Case):
             with self.subTest(arguments):
                 self.assert_refused(arguments.split(), words, name)
 
+    def test_a_calibration_that_is_none_of_its_camera_is_refused_with_what_is_wrong(self):
+        sound = """{image_width: 1280, image_height: 720, camera_name: camera, distortion_model: plumb_bob,
+            camera_matrix: {rows: 3, cols: 3, data: [931.5, 0, 644.2, 0, 929.8, 357.6, 0, 0, 1]},
+            distortion_coefficients: {rows: 1, cols: 5, data: [0.08, -0.17, 0.0008, -0.0006, 0.06]},
+            rectification_matrix: {rows: 3, cols: 3, data: [1, 0, 0, 0, 1, 0, 0, 0, 1]},
+            projection_matrix: {rows: 3, cols: 4, data: [931.5, 0, 644.2, 0, 0, 929.8, 357.6, 0, 0, 0, 1, 0]}}"""
+        for written, instead, words in (("[931.5, 0, 644.2, 0, 929.8", "[931.5, 12, 644.2, 0, 929.8", "has a skew"),
+                                        ("plumb_bob", "rational_polynomial", "'rational_polynomial' with 5 coefficients"),
+                                        ("0, 644.2, 0, 929.8, 357.6", "0, 305.6, 0, 929.8, 243.7", "far from the centre of 1280 x 720"),
+                                        ("camera_matrix: {rows: 3, cols", "camera_matrix: {cols", "files of cv::FileStorage")):
+            path = self.file("camera.yaml", sound.replace(written, instead, 1))
+            self.assert_refused(["_scene:=demo", "_source:=" + SOURCE + "/docs/first_arm_rest.png", "_camera_info_url:=file://" + path],
+                                ["~camera_info_url is file://" + path, words], "vision")
+
     def test_nothing_of_a_scene_or_a_parameter_reaches_the_log_as_it_is(self):
         """In its log, as in those of other programs, a line of a node begins with its level."""
         forged = "[ INFO] [1.0]: forged\u009b31m\u202e"

@@ -35,6 +35,7 @@ struct VisionFigures {
   int samples = 0;           ///< inputs at which a shape was found
   int least_tags = 0;        ///< fewest tags in sight
   double median_tags = 0;    ///< of tags in sight
+  std::vector<int> unseen;   ///< ids of tags that are in sight at no sample
   double measured = 0;       ///< part of the samples in which the shape can be measured
   double median_tip_sd = 0;  ///< of the tip along its worst direction, where measured [m]
   double worst_tip_sd = 0;   ///< [m]

@@ -84,6 +84,10 @@ PictureSource::PictureSource(ros::NodeHandle& node, const VisionOptions& options
                     "(image_width, image_height, camera_name, camera_matrix {rows, cols, data}, "
                     "distortion_model, distortion_coefficients); files of cv::FileStorage, which "
                     "begin with %YAML:1.0, are not");
+    const auto camera = fromMsg(calibration_->getCameraInfo());
+    const auto* refusal = std::get_if<PictureRefusal>(&camera);
+    basics::require(refusal == nullptr, "~camera_info_url is ", options_.camera_info_url, "; its ",
+                    refusal == nullptr ? "" : refusal->message);
   }
 }
 
