@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "aim.hpp"
+#include "arm_swing.hpp"
 #include "helix_arm/basics/pi.hpp"
 #include "helix_arm/control/pressure_observer.hpp"
 #include "helix_arm/model/curve.hpp"
@@ -33,14 +34,46 @@ constexpr double kFaded = 3.0;           // time constants after which 5 % of a 
 constexpr double kSettledWithin = 1e4;   // of the set point or their usual distance, a reading [Pa]
 constexpr double kUsualTime = 5.0;       // time constant of that distance [s]
 
-// Error of the lag in a picture, in standard errors. It persists.
-constexpr double kLagError = 4.0;
 // Root mean square of a swing, relative to its peak.
 constexpr double kSwingSpread = 0.7;
 constexpr double kShortestRamp = 1e-3;  // of a step [s]
 constexpr double kAhead = 0.1;          // of the velocities between which a path accelerates [s]
 
 constexpr int kMostTurns = 2048;  // history of the wanted tip
+
+// The pictures that the filters accepted, and how well the tip is known from them.
+struct Sight {
+  std::array<double, kClosingPictures> accepted_at = farPast();  // arrivals, newest first [s]
+  double arrived_at = -std::numeric_limits<double>::infinity();  // a picture, if refused too [s]
+  double seen_at = 0.0;  // stamp of the last accepted picture [s]
+  double tip_deviation = std::numeric_limits<double>::infinity();  // [m]
+
+  static std::array<double, kClosingPictures> farPast() {
+    std::array<double, kClosingPictures> out;
+    out.fill(-std::numeric_limits<double>::infinity());
+    return out;
+  }
+  double unseen(double now) const { return now - accepted_at[0]; }
+  // Whether the loop may close.
+  bool suffices(double now, double stale_after) const {
+    return now - accepted_at.back() <= kClosingTime && unseen(now) <= stale_after &&
+           tip_deviation < kSureTip;
+  }
+  void accept(double now, double stamp, double deviation) {
+    std::rotate(accepted_at.begin(), accepted_at.end() - 1, accepted_at.end());
+    accepted_at[0] = now;
+    seen_at = stamp;
+    tip_deviation = deviation;
+  }
+  void forgetTime() {
+    accepted_at = farPast();
+    arrived_at = accepted_at[0];
+  }
+  void forget() {
+    accepted_at = farPast();
+    tip_deviation = std::numeric_limits<double>::infinity();
+  }
+};
 
 }  // namespace
 
@@ -59,20 +92,13 @@ struct VisualServo::Workspace {
         aim(given, config.preference),
         usual_distance(Eigen::VectorXd::Zero(arm.actuatorCount())),
         divergence(config.smoothing + config.time_constant),
-        dynamics(arm, !response.learns(), config.mode),
-        swing_peak(Eigen::VectorXd::Zero(arm.actuatorCount())),
-        mode(config.mode),
-        smoothing(config.smoothing),
+        swing(arm, config, !response.learns(), tracker.rows()),
         lengths(arm.actuatorCount()) {
-    accepted_at.fill(-std::numeric_limits<double>::infinity());
     turn.pressure = arm.inputAt(0.0);
     turn.limits.assign(static_cast<std::size_t>(arm.actuatorCount()), statics::Limit::kNone);
     at_picture = moment = {turn.pressure, turn.pressure};
     commanded = turn.pressure;
     held_back = Eigen::VectorXd::Zero(arm.actuatorCount());
-    for (std::size_t i = 0; i < tracker.rows().size(); ++i) {
-      if (estimation::bends(tracker.rows()[i])) bending.push_back(static_cast<int>(i));
-    }
   }
 
   bool doubts() const { return contact.drift().doubtful; }
@@ -81,7 +107,8 @@ struct VisualServo::Workspace {
   // Whether the estimate from pictures corrects the command.
   bool tracks(double now) const {
     if (!closed || yields() || diverged || doubts()) return false;
-    return turn.state == LoopState::kClosed || (turn.state == LoopState::kIdle && maySee(now));
+    return turn.state == LoopState::kClosed ||
+           (turn.state == LoopState::kIdle && sight.suffices(now, config.stale_after));
   }
 
   void forgetContact() {
@@ -89,20 +116,15 @@ struct VisualServo::Workspace {
     watch.reset();
   }
 
-  bool maySee(double now) const {
-    return now - accepted_at.back() <= kClosingTime && now - accepted_at[0] <= config.stale_after &&
-           tip_deviation < kSureTip;
-  }
-
   LoopState nextState(double now) const {
     if (!enabled || !target) return LoopState::kIdle;
-    const double unseen = now - accepted_at[0];
+    const double unseen = sight.unseen(now);
     const bool fresh = unseen <= config.stale_after;
-    if (diverged && now - arrived_at <= config.stale_after) return LoopState::kDiverging;
+    if (diverged && now - sight.arrived_at <= config.stale_after) return LoopState::kDiverging;
     if (yields() && fresh) return LoopState::kYielding;
     if (!closed) return LoopState::kOpen;
     const bool was_closed = turn.state == LoopState::kClosed || turn.state == LoopState::kDoubtful;
-    if (!yields() && (maySee(now) || (was_closed && fresh))) {
+    if (!yields() && (sight.suffices(now, config.stale_after) || (was_closed && fresh))) {
       return doubts() ? LoopState::kDoubtful : LoopState::kClosed;
     }
     const bool coasts = was_closed || turn.state == LoopState::kCoasting ||
@@ -140,6 +162,7 @@ struct VisualServo::Workspace {
   // it, but no longer than these last: not for a regulator that stays off its set point.
   bool waits(double dt) {
     if (path_time >= 0 || path_time + dt < 0) return false;
+    const auto& mode = swing.mode();
     const double held = mode ? shareHeldBack(observer.time() - begun_at) : 0.0;
     const double behind = (response.effective() - commanded).cwiseAbs().maxCoeff() +
                           held * held_back.cwiseAbs().maxCoeff();
@@ -160,17 +183,19 @@ struct VisualServo::Workspace {
     turn.residual = result.residual;
     turn.position_error = result.position_error;
     turn.limits = result.limits;
-    commanded = aim.led({velocity, acceleration}, config.time_constant, response.late(), mode);
-    if (mode) commanded -= shareHeldBack(observer.time() - begun_at) * held_back;
+    commanded =
+        aim.led({velocity, acceleration}, config.time_constant, response.late(), swing.mode());
+    if (swing.mode()) commanded -= shareHeldBack(observer.time() - begun_at) * held_back;
     turn.pressure = response.pressureFor(commanded);
   }
 
   // Share held back of a step in three ramps, half a period of the mode apart, which leave it at
   // rest: the zero vibration and derivative shaper (Singer and Seering 1990).
   double shareHeldBack(double since) const {
-    const double root = std::sqrt(1 - mode->damping * mode->damping);
-    const double half = 0.5 / (mode->frequency * pace * root);
-    const double K = std::exp(-mode->damping * basics::kPi / root), all = (1 + K) * (1 + K);
+    const estimation::Mode& mode = *swing.mode();
+    const double root = std::sqrt(1 - mode.damping * mode.damping);
+    const double half = 0.5 / (mode.frequency * pace * root);
+    const double K = std::exp(-mode.damping * basics::kPi / root), all = (1 + K) * (1 + K);
     const auto waits = [&](double begin) {
       return std::clamp(1 - (since - begin) / ramp, 0.0, 1.0);
     };
@@ -259,88 +284,18 @@ struct VisualServo::Workspace {
     return ObservationFault::kNone;
   }
 
-  // Advances the estimate of the arm's response to a picture.
+  // Advances the estimate of the arm's swing to a picture.
   void swingTo(double stamp) {
-    const double before = swung_at;
-    swung_at = stamp;
-    dynamics.moveTo(stamp, [&](double time) -> const Eigen::VectorXd& {
+    swing.moveTo(stamp, [&](double time) -> const Eigen::VectorXd& {
       if (!observer.at(std::max(time, observer.earliest()), moment)) moment = observer.newest();
       if (!response.learns()) response.apply(time, moment);
       return moment.pressure;
     });
-    const double left = mode ? std::exp(std::min(before - stamp, 0.0) * 2 * basics::kPi *
-                                        mode->frequency * mode->damping)
-                             : 0.0;
-    swing_peak = (left * swing_peak).cwiseMax(dynamics.swing().cwiseAbs());
-  }
-
-  // Measured twists without what the swing adds to them.
-  model::Twists atRest(const model::Twists& measured) const {
-    model::Twists out = measured;
-    const auto& step = tracker.lastStep();
-    if (!step) return out;
-    const Eigen::VectorXd swings = step->model.by_lengths * dynamics.swing();
-    for (const int i : bending) {
-      out.reshaped()[tracker.rows()[static_cast<std::size_t>(i)]] -= swings[i];
-    }
-    return out;
-  }
-
-  // Most that the known mode adds to each of the tracker's rows.
-  Eigen::VectorXd swingPeak() const { return mode ? rowsOf(swing_peak) : rowsOf({}); }
-  // Likewise one that is not known yet.
-  Eigen::VectorXd possibleSwing() const {
-    return mode ? rowsOf({}) : rowsOf(dynamics.possibleSwing());
-  }
-
-  // Most that lengths which swing by as much (n) [m], if any, add to each of the tracker's rows.
-  Eigen::VectorXd rowsOf(const Eigen::VectorXd& swing) const {
-    Eigen::VectorXd out = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(tracker.rows().size()));
-    const auto& step = tracker.lastStep();
-    if (swing.size() == 0 || !step) return out;
-    out(bending) = step->model.by_lengths(bending, Eigen::all).cwiseAbs() * swing;
-    return out;
-  }
-
-  // Covariance of twists (6 sections x 6 sections) by a swing of this part of its peak.
-  Eigen::MatrixXd swingNoise(double part) const {
-    Eigen::MatrixXd out = Eigen::MatrixXd::Zero(6 * arm.sectionCount(), 6 * arm.sectionCount());
-    const auto& step = tracker.lastStep();
-    if (!mode || !step) return out;
-    Eigen::MatrixXd by_peak =
-        Eigen::MatrixXd::Zero(step->model.by_lengths.rows(), arm.actuatorCount());
-    by_peak(bending, Eigen::all) =
-        part * step->model.by_lengths(bending, Eigen::all) * swing_peak.asDiagonal();
-    out(tracker.rows(), tracker.rows()) = by_peak * by_peak.transpose();
-    return out;
-  }
-
-  // Likewise by the error of the lag.
-  Eigen::MatrixXd lagNoise() const {
-    Eigen::MatrixXd out = Eigen::MatrixXd::Zero(6 * arm.sectionCount(), 6 * arm.sectionCount());
-    const auto& step = tracker.lastStep();
-    if (!step) return out;
-    const Eigen::VectorXd by_lag = kLagError * step->model.by_lengths * dynamics.lagError();
-    out(tracker.rows(), tracker.rows()) = by_lag * by_lag.transpose();
-    return out;
   }
 
   void learnMode(const model::Twists& measured) {
-    const auto& step = tracker.lastStep();
-    const Eigen::VectorXd unit = tracker.biasDeviation()(bending).cwiseInverse();
-    const Eigen::VectorXd picked = measured.reshaped()(tracker.rows())(bending);
-    if (contact.load().contact || doubts()) dynamics.skip();
-    dynamics.compare(unit.cwiseProduct(picked),
-                     unit.asDiagonal() * step->model.by_lengths(bending, Eigen::all));
-    response.learn(dynamics);
-    const auto found = dynamics.mode();
-    if (!found) return;
-    const bool changed = !mode || std::abs(std::log(found->frequency / mode->frequency)) > 0.02 ||
-                         std::abs(std::log(found->damping / mode->damping)) > 0.2;
-    if (!changed) return;
-    mode = found;
-    smoothing = std::max(config.smoothing,
-                         smoothingFor(mode->frequency, mode->damping, config.time_constant));
+    swing.learn(measured, tracker, contact.load().contact || doubts());
+    response.learn(swing.response());
   }
 
   // The measured tip with the wanted one at the time of the picture.
@@ -385,10 +340,7 @@ struct VisualServo::Workspace {
   double waited = 0.0, longest_wait = 0.0;       // at its first point [s]
   Eigen::Vector3d velocity = Eigen::Vector3d::Zero(), acceleration = velocity;
 
-  std::array<double, kClosingPictures> accepted_at;  // times of arrival, newest first [s]
-  double arrived_at = -std::numeric_limits<double>::infinity();  // a picture, if refused too [s]
-  double seen_at = 0.0;  // stamp of the last accepted picture [s]
-  double tip_deviation = std::numeric_limits<double>::infinity();
+  Sight sight;
   TimeRing<Eigen::Vector3d, kMostTurns> wanted;
   DivergenceWatch divergence;
   double aimed_at = -std::numeric_limits<double>::infinity();  // at the target [s]
@@ -397,13 +349,8 @@ struct VisualServo::Workspace {
   std::optional<double> error;
   control::PressureObserver::Estimate at_picture;
   estimation::ArmFilter::Input seen;
-  std::vector<int> bending;  // of the tracker's rows, which are bends
-  estimation::ResponseEstimator dynamics;
-  Eigen::VectorXd swing_peak;            // largest swing, which fades as the mode does (n) [m]
-  double swung_at = 0.0;                 // [s]
-  std::optional<estimation::Mode> mode;  // told or found
+  ArmSwing swing;
   control::PressureObserver::Estimate moment;
-  double smoothing;             // of the correction [s]
   Eigen::VectorXd commanded;    // effective pressures of the last command (n) [Pa]
   Eigen::VectorXd held_back;    // of the last step (n) [Pa]
   double ramp = kShortestRamp;  // duration of each part of the step [s]
@@ -471,14 +418,10 @@ void VisualServo::reset() {
   w.tracker.reset();
   w.budget.reset();
   w.forgetContact();
-  w.dynamics.reset();
-  w.response.learn(w.dynamics);
-  w.swing_peak.setZero();
-  w.mode = w.config.mode;
-  w.smoothing = w.config.smoothing;
+  w.swing.reset();
+  w.response.learn(w.swing.response());
   w.estimated.set(w.tracker.correction());
-  w.accepted_at.fill(-std::numeric_limits<double>::infinity());
-  w.tip_deviation = std::numeric_limits<double>::infinity();
+  w.sight.forget();
   w.diverged = false;
   w.divergence.clear();
   if (w.observer.started()) w.slow_until = w.observer.time() + 1.0;
@@ -502,8 +445,8 @@ const Turn& VisualServo::reading(double time, const Eigen::VectorXd& set_point,
     w.watch.forgetTime();
     w.wanted.clear();
     w.divergence.clear();
-    w.accepted_at.fill(-std::numeric_limits<double>::infinity());
-    w.aimed_at = w.arrived_at = w.slow_until = w.begun_at = w.accepted_at[0];
+    w.sight.forgetTime();
+    w.aimed_at = w.slow_until = w.begun_at = -std::numeric_limits<double>::infinity();
     w.touched_at = time;
   }
   dt = std::clamp(dt, 0.0, kLongestTurn);
@@ -511,8 +454,8 @@ const Turn& VisualServo::reading(double time, const Eigen::VectorXd& set_point,
   w.settle(dt, set_point, reading);
   w.response.follow(w.observer);
 
-  const bool waited = time - w.touched_at > w.config.yield_timeout &&
-                      time - w.accepted_at[0] <= w.config.stale_after;
+  const bool waited =
+      time - w.touched_at > w.config.yield_timeout && w.sight.unseen(time) <= w.config.stale_after;
   if (waited && w.contact.load().contact && w.on_contact == OnContact::kYield) w.forgetContact();
   const LoopState before = w.turn.state;
   w.turn.state = w.nextState(time);
@@ -520,7 +463,7 @@ const Turn& VisualServo::reading(double time, const Eigen::VectorXd& set_point,
   if (w.turn.state == LoopState::kClosed && before != LoopState::kClosed) w.learn();
   if (w.tracks(time) || w.fades) {
     const bool slow = !w.closed || time < w.slow_until;
-    const double share = -std::expm1(-dt / (slow ? kFadeTime : w.smoothing));
+    const double share = -std::expm1(-dt / (slow ? kFadeTime : w.swing.smoothing()));
     w.aim.approach(share);
     w.beyond += share * (w.beyond_goal - w.beyond);
   }
@@ -546,20 +489,21 @@ estimation::Observation VisualServo::picture(double stamp, double now, const mod
   estimation::Observation out;
   out.fault = w.findPressures(stamp, now);
   if (!out.accepted()) return out;
-  w.arrived_at = now;
+  w.sight.arrived_at = now;
   w.swingTo(stamp);
   const estimation::ArmFilter::Input input{stamp, w.at_picture.pressure, w.at_picture.variance,
-                                           w.atRest(twists),
-                                           covariance + w.swingNoise(kSwingError)};
+                                           w.swing.atRest(twists, w.tracker),
+                                           covariance + w.swing.noise(kSwingError, w.tracker)};
   const bool touched = w.contact.load().contact;
-  w.contact.see(input, tags, w.settled, w.swingPeak(), w.possibleSwing(), w.watch);
+  w.contact.see(input, tags, w.settled, w.swing.peak(w.tracker), w.swing.possible(w.tracker),
+                w.watch);
   if (!touched && w.contact.load().contact) {
     w.touched_at = now;
     if (w.on_contact == OnContact::kStop) hold();
   }
   // The watch has none of the lag's noise, in which a camera that slips would hide.
   w.seen = input;
-  w.seen.covariance += w.lagNoise();
+  w.seen.covariance += w.swing.lagNoise(w.tracker);
   out = w.tracker.see(w.seen);
   if (!out.accepted()) return out;
   w.learnMode(twists);
@@ -567,12 +511,9 @@ estimation::Observation VisualServo::picture(double stamp, double now, const mod
     w.budget.update(w.watch, input, tags, w.doubts());
   }
   w.estimated.set(w.tracker.correction());
-  std::rotate(w.accepted_at.begin(), w.accepted_at.end() - 1, w.accepted_at.end());
-  w.accepted_at[0] = now;
-  w.seen_at = stamp;
   const Eigen::Matrix3d tip_covariance = estimation::tipCovariance(
       model::shapeOf(w.arm, twists), w.tracker.twistCovariance(now - stamp));
-  w.tip_deviation = largestDeviation(tip_covariance);
+  w.sight.accept(now, stamp, largestDeviation(tip_covariance));
   if (w.tracks(now)) w.learn();
   w.compare(stamp, now, input.pressure, twists);
   return out;
@@ -590,8 +531,9 @@ std::optional<Prediction> VisualServo::prediction() const {
   // The creep of the tracker serves the control: no arm creeps as fast. During a contact the watch
   // knows the arm without the force.
   const estimation::ArmFilter& filter = w.contact.load().contact ? w.tracker : w.watch;
-  Eigen::MatrixXd covariance = filter.twistCovariance(std::max(0.0, w.observer.time() - w.seen_at));
-  covariance += w.swingNoise(kSwingSpread);
+  Eigen::MatrixXd covariance =
+      filter.twistCovariance(std::max(0.0, w.observer.time() - w.sight.seen_at));
+  covariance += w.swing.noise(kSwingSpread, w.tracker);
   if (const auto& step = filter.lastStep()) {
     const Eigen::MatrixXd& H_p = step->model.by_pressure;
     const Eigen::VectorXd variance = at.variance + filter.changeVariance(at.pressure);
@@ -606,19 +548,21 @@ const Turn& VisualServo::turn() const { return work_->turn; }
 const control::PressureObserver& VisualServo::observer() const { return work_->observer; }
 const estimation::ArmFilter& VisualServo::tracker() const { return work_->tracker; }
 const estimation::ArmFilter& VisualServo::watch() const { return work_->watch; }
-const std::optional<estimation::Mode>& VisualServo::mode() const { return work_->mode; }
-const estimation::ResponseEstimator& VisualServo::response() const { return work_->dynamics; }
+const std::optional<estimation::Mode>& VisualServo::mode() const { return work_->swing.mode(); }
+const estimation::ResponseEstimator& VisualServo::response() const {
+  return work_->swing.response();
+}
 const std::optional<estimation::TipErrorBudget>& VisualServo::budget() const {
   return work_->budget.current();
 }
 bool VisualServo::sees() const {
   return work_->observer.started() &&
-         work_->observer.time() - work_->accepted_at[0] <= work_->config.coast_time;
+         work_->sight.unseen(work_->observer.time()) <= work_->config.coast_time;
 }
 const estimation::ExternalLoad& VisualServo::load() const { return work_->contact.load(); }
 const estimation::QuietScore& VisualServo::quiet() const { return work_->contact.onsets().quiet(); }
 const estimation::Drift& VisualServo::drift() const { return work_->contact.drift(); }
 std::optional<double> VisualServo::error() const { return work_->error; }
-double VisualServo::tipDeviation() const { return work_->tip_deviation; }
+double VisualServo::tipDeviation() const { return work_->sight.tip_deviation; }
 
 }  // namespace helix_arm::follow
