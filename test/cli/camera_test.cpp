@@ -123,13 +123,13 @@ TEST(CameraCalibrate, ACharucoBoardOfALabIsReadAsTheOptionsSay) {
   EXPECT_EQ(black.exit_code, 1);
 }
 
-TEST(CameraCalibrate, ABoardThatIsNotFoundIsToldWithTheLikelyCause) {
+TEST(CameraCalibrate, OfABoardThatIsNotFoundItSaysWhatIsSeen) {
   const json result = resultOf({"camera", "calibrate", "--board", "charuco", "--source",
                                 board().path() + "/picture_0001.jpg"},
                                1);
-  EXPECT_EQ(result["reason"],
-            "0 of 1 pictures show 8 inner chessboard corners of the board or more; expected 5: "
-            "they show the board of tags: leave out --board charuco");
+  EXPECT_TRUE(has(result["reason"],
+                  "0 of 1 pictures show 8 inner chessboard corners of the board or more; expected "
+                  "5: a picture shows at most 0 markers of DICT_4X4_50: give the board's"));
 }
 
 TEST(CameraCalibrate, WritesTheIntrinsicsIntoAScene) {
