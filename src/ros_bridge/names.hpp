@@ -33,6 +33,8 @@ inline constexpr char kLoopMarkers[] = "loop_markers";
 /// Namespace of the interactive marker's topics.
 inline constexpr char kTipHandle[] = "tip_handle";
 inline constexpr char kClock[] = "/clock";              ///< of simulated time
+inline constexpr char kTf[] = "/tf";                    ///< one for all robots
+inline constexpr char kStaticTf[] = "/tf_static";       ///< latched
 inline constexpr char kDiagnostics[] = "/diagnostics";  ///< one for all robots (REP-107)
 
 // Services and actions, below the names of their nodes.

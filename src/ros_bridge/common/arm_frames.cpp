@@ -65,6 +65,21 @@ void CurveFrames::send(const model::Shape& shape, const ros::Time& stamp, const 
   tf_.sendTransform(out);
 }
 
+FrameLookup::FrameLookup(ros::NodeHandle& node, std::string base_frame)
+    : base_frame_(std::move(base_frame)),
+      moving_subscriber_(listen(node, names::kTf, 100, &FrameLookup::onMoving, this)),
+      static_subscriber_(listen(node, names::kStaticTf, 100, &FrameLookup::onStatic, this)) {}
+
+void FrameLookup::take(const ros::MessageEvent<const tf2_msgs::TFMessage>& event, bool is_static) {
+  const ros::Time now = ros::Time::now();
+  if (now < last_time_) buffer_.clear();  // a jump back in time; static transforms stay
+  last_time_ = now;
+  for (const auto& transform : event.getMessage()->transforms) {
+    if (!is_static && endsTf(transform.header.stamp)) continue;
+    buffer_.setTransform(transform, event.getPublisherName(), is_static);
+  }
+}
+
 control::Checked<FrameLookup::Place> FrameLookup::find(const std::string& frame) const {
   if (frame.empty() || frame == base_frame_) return Place{lie::SE3(), true};
   try {

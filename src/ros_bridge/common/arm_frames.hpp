@@ -5,10 +5,11 @@
 #include <vector>
 
 #include <geometry_msgs/TransformStamped.h>
+#include <ros/node_handle.h>
 #include <ros/time.h>
 #include <tf2/buffer_core.h>
+#include <tf2_msgs/TFMessage.h>
 #include <tf2_ros/transform_broadcaster.h>
-#include <tf2_ros/transform_listener.h>
 
 #include "diagnostics.hpp"
 #include "helix_arm/control/target_check.hpp"
@@ -64,11 +65,14 @@ class CurveFrames {
   tf2_ros::TransformBroadcaster tf_;
 };
 
-/// Where the frames of tf are, seen from one frame.
+/// Where the frames of tf are, seen from one frame. For the thread of the node's callback queue.
+///
+/// tf2_ros::TransformListener has a thread that a broken message would end; here such a message is
+/// dropped. So are transforms stamped so far ahead that they would hide all later ones.
 class FrameLookup {
  public:
   /// @param base_frame  B, from which the frames are seen.
-  explicit FrameLookup(std::string base_frame) : base_frame_(std::move(base_frame)) {}
+  FrameLookup(ros::NodeHandle& node, std::string base_frame);
 
   /// Place of a frame F.
   struct Place {
@@ -81,9 +85,14 @@ class FrameLookup {
   const std::string& baseFrame() const { return base_frame_; }
 
  private:
+  void onMoving(const ros::MessageEvent<const tf2_msgs::TFMessage>& event) { take(event, false); }
+  void onStatic(const ros::MessageEvent<const tf2_msgs::TFMessage>& event) { take(event, true); }
+  void take(const ros::MessageEvent<const tf2_msgs::TFMessage>& event, bool is_static);
+
   const std::string base_frame_;
   tf2::BufferCore buffer_;
-  const tf2_ros::TransformListener listener_{buffer_};
+  ros::Time last_time_;
+  ros::Subscriber moving_subscriber_, static_subscriber_;
 };
 
 }  // namespace helix_arm::ros_bridge

@@ -114,7 +114,7 @@ class VisualServoNode : public Node {
   FaultCount bad_readings_;
 
   ros::NodeHandle node_, private_node_{"~"};
-  FrameLookup frames_{options_.frame_prefix + names::kBaseFrame};
+  FrameLookup frames_{node_, options_.frame_prefix + names::kBaseFrame};
   LoopDiagnostics pictures_;
   TagMatcher matcher_;
   CommandLink link_{node_, scene_};
