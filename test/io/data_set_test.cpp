@@ -14,6 +14,7 @@
 #include "support/refusal.hpp"
 #include "support/table_faults.hpp"
 #include "support/temporary_file.hpp"
+#include "support/test_size.hpp"
 
 namespace helix_arm::io {
 namespace {
@@ -166,9 +167,33 @@ TEST(DataSet, AFaultInEveryRowIsToldInAFewLinesWhichHideNoOther) {
 }
 
 TEST(DataSet, EveryLimitIsKeptFromBothSides) {
+  const auto table = [](int columns, int rows) {
+    std::string text = "c0", row = "1";
+    for (int i = 1; i < columns; ++i) {
+      text += ",c" + std::to_string(i);
+      row += ",1";
+    }
+    text += "\n";
+    for (int i = 0; i < rows; ++i) text += row + "\n";
+    return text;
+  };
+  EXPECT_EQ(faultsOf(table(1000, 2)), "");
+  EXPECT_EQ(faultsOf(table(1001, 2)), ":1 has 1001 columns; expected at most 1000");
+  EXPECT_EQ(faultsOf(table(1, 200'000)), "");
+  EXPECT_EQ(faultsOf(table(1, 200'001)),
+            ":200002 is row 200001; expected at most 200000 rows: split the file");
+  if (test::isFullSize()) {
+    EXPECT_EQ(faultsOf(table(1000, 4000)), "");
+    EXPECT_EQ(faultsOf(table(1000, 4001)),
+              ":4002 is row 4001 of 1000 columns; expected at most 4000000 cells: split the file");
+  }
   EXPECT_EQ(faultsOf(std::string(200, 'n') + "\n1\n"), "");
   EXPECT_EQ(faultsOf("a," + std::string(201, 'n') + "\n1,1\n"),
             ":1 column 2 has 201 characters in its name; expected at most 200");
+  EXPECT_EQ(faultsOf("qx\n1" + std::string(999, '0') + "\n").find(" characters"),
+            std::string::npos);
+  EXPECT_EQ(faultsOf("qx\n1" + std::string(1000, '0') + "\n"),
+            ":2 qx has 1001 characters; expected at most 1000");
   EXPECT_EQ(faultsOf("#" + std::string((64U << 20U) - 6, ' ') + "\na\n1\n"), "");
   EXPECT_EQ(faultsOf("#" + std::string((64U << 20U) - 5, ' ') + "\na\n1\n"),
             " is larger than 64 MiB; expected a text file");

@@ -135,7 +135,13 @@ std::string meantBy(const std::string& name) {
 
 constexpr double kLargest = 1e300;         // stays finite in any unit
 constexpr std::size_t kManyFaults = 1000;  // the file is of another kind; more faults help nobody
+
+// The memory of a table, and of everything derived from it, is a small multiple of these.
+constexpr std::size_t kMostRows = 200'000;
+constexpr std::size_t kMostColumns = 1000;
+constexpr std::size_t kMostCells = 4'000'000;
 constexpr std::size_t kLongestName = 200;
+constexpr std::size_t kLongestCell = 1000;
 constexpr int kFarthestHeader = 50;  // lines after the first one
 
 std::string_view trimmed(std::string_view text) {
@@ -344,6 +350,8 @@ class TableReader {
 
   void readHeader(const Cells& cells, Records records) {
     const int line = records.line();
+    if (cells.size() > kMostColumns)
+      return refuse(line, atMost(cells.size(), " columns", kMostColumns));
     for (std::size_t i = 0; i < cells.size(); ++i) {
       if (cells[i].size() <= kLongestName) continue;
       return refuse(line, "column ", i + 1, " ",
@@ -404,7 +412,15 @@ class TableReader {
   }
 
   void readRow(Cells& cells, int line) {
+    if (rows_ == kMostRows) {
+      return refuse(line, "is row ", rows_ + 1, "; expected at most ", kMostRows,
+                    " rows: split the file");
+    }
     const std::size_t columns = data_.columns.size();
+    if ((rows_ + 1) * columns > kMostCells) {
+      return refuse(line, "is row ", rows_ + 1, " of ", columns, " columns; expected at most ",
+                    kMostCells, " cells: split the file");
+    }
     ++rows_;
     data_.lines.push_back(line);
     const std::size_t count = cells.size();
@@ -441,6 +457,7 @@ class TableReader {
 
   Cell numberOf(std::string_view cell) {
     if (cell.empty()) return "is empty; expected a finite number";
+    if (cell.size() > kLongestCell) return atMost(cell.size(), " characters", kLongestCell);
     cell_.assign(cell);
     const std::optional<double> number = parseNumber(cell_);
     if (!number) return "is not a finite number; expected one";
