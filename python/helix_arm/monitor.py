@@ -44,7 +44,7 @@ class Stream:
         return (self.count - 1) / (self.last - self.first) if self.last > self.first else 0.0
 
     def fault(self) -> str:
-        """Its faults at the end; empty if nothing is."""
+        """Its faults at the end; empty if it has none."""
         silence = time.monotonic() - self.last
         if self.count == 0:
             return f"nothing came on {self.topic}"

@@ -92,11 +92,11 @@ std::optional<std::string> unbalanced(const std::vector<ArmCaptures>& arms) {
   }
   const std::vector<ArmCaptures> states = statesOf(arms);
   ShapeModel model(states, {});
-  std::size_t payload = arms.size();
+  std::size_t next_state = arms.size();
   for (std::size_t a = 0; a < arms.size(); ++a) {
     for (const Capture& capture : arms[a].captures) {
       const Eigen::VectorXd lengths = arms[a].arm.lengths(capture.pressure);
-      const std::size_t state = capture.payload ? payload++ : a;
+      const std::size_t state = capture.payload ? next_state++ : a;
       if (model.at(static_cast<int>(state), lengths, nullptr).found) continue;
       return text(arms[a].name, ", capture ", capture.number, ": at ",
                   pressureText(capture.pressure),

@@ -70,11 +70,11 @@ CalibrationProblem::CalibrationProblem(const std::vector<ArmCaptures>& arms,
     : shared_(arms, options, selection),
       blocks_(arms, options, selection, shared_.model),
       kind_(kindOf(firstReading(arms))) {
-  auto payload = static_cast<int>(arms.size());
+  auto next_state = static_cast<int>(arms.size());
   for (std::size_t a = 0; a < arms.size(); ++a) {
     for (const Capture& capture : arms[a].captures) {
       places_.push_back(placeAt(shared_, static_cast<int>(a), captures(), capture.pressure));
-      if (capture.payload) places_.back().state = payload++;
+      if (capture.payload) places_.back().state = next_state++;
     }
   }
   if (selection.free_shapes) addShapes();

@@ -121,7 +121,7 @@ class SeriesJob {
     return out;
   }
 
-  // A motion that the model cannot describe repeats with the motion, so that residuals count as few
+  // Errors of the model repeat with the motion, so that residuals count as few
   // readings.
   void setVariance(const Eigen::MatrixXd& about, double readings_per_number,
                    SeriesProblem& problem) const {

@@ -18,7 +18,7 @@ constexpr double kLikelyBending = 0.2;
 
 int count(const model::Arm& arm, int k) { return arm.firstActuator(k + 1) - arm.firstActuator(k); }
 
-// Component of an actuator's stiffness, as ActuatorChange counts them.
+// Component of an actuator's stiffness, as ActuatorChange counts it.
 int componentOf(StiffnessEntry entry) {
   return entry == StiffnessEntry::kGamma ? 0 : entry == StiffnessEntry::kTau ? 1 : 2;
 }

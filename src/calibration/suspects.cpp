@@ -39,7 +39,7 @@ constexpr double kLeastGainError = 0.12, kLeastOffset = 12e3, kLeastTagError = 0
 constexpr double kLeastTagErrorOfOne = 0.07;
 constexpr double kLeastLength = 0.02, kLeastMove = 0.01, kLeastTurn = 0.02;
 constexpr double kMostTurn = 2.0;  // of what was knocked; beyond it, it was put up otherwise [rad]
-// Drop of captures whose pressures are outside the limits as they are.
+// The same part for captures whose pressures are outside the limits as they are.
 constexpr double kLoweredInside = 1.1;
 // Least share of what is beyond the noise that a suspect explains; the second of such captures,
 // which are wrong in any case.
@@ -147,7 +147,7 @@ class Residual {
     if (unsound(read)) return std::nullopt;
     const ReadingKind kind = kindOf(firstReading(read));
     if (unfit(read, one.options, kind)) return std::nullopt;
-    // An error that a base takes up which is off by as much as a tape measure is nobody's mistake.
+    // A base that is off by as much as a tape measure is nobody's mistake.
     if (!rough_ && !one.options.base && read.size() == 1 &&
         (kind == ReadingKind::kCorners || kind == ReadingKind::kPoses)) {
       CalibrationOptions near = one.options;

@@ -110,7 +110,7 @@ std::vector<FittedCapture> fitCaptures(const io::Scene& scene, const io::DataSet
            " has no tags; expected a scene with a section tags");
   requirePressureDriven(scene);
   estimation::TwistFitter fitter(*scene.tags, scene.arm.sectionCount(), scene.vision.fit);
-  const std::map<int, statics::PointLoad> payload = procedures::payloadsOf(scene, data);
+  const std::map<int, statics::PointLoad> payloads = procedures::payloadsOf(scene, data);
   std::vector<FittedCapture> captures;
   for (const io::TagPoseCapture& measured :
        io::loadTagPoses(data, scene.arm.actuatorCount(), scene.X_BF)) {
@@ -126,9 +126,9 @@ std::vector<FittedCapture> fitCaptures(const io::Scene& scene, const io::DataSet
       }
     }
     const Eigen::VectorXd pressure = scene.arm.clamped(measured.pressure);
-    const auto load = payload.find(measured.number);
+    const auto load = payloads.find(measured.number);
     capture.model = procedures::modelUnder(
-                        scene, load == payload.end() ? std::nullopt : std::optional(load->second))
+                        scene, load == payloads.end() ? std::nullopt : std::optional(load->second))
                         .solve(pressure);
     const model::Shape start = statics::startingShape(scene.model, capture.model, pressure);
     take(scene, fitter.fitCold(capture.seen, start), capture);

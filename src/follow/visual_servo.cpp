@@ -41,7 +41,7 @@ constexpr double kAhead = 0.1;          // of the velocities between which a pat
 
 constexpr int kMostTurns = 2048;  // history of the wanted tip
 
-// The pictures that the filters accepted, and how well the tip is known from them.
+// When pictures arrived and were accepted, and how well the tip is known from them.
 struct Sight {
   std::array<double, kClosingPictures> accepted_at = farPast();  // arrivals, newest first [s]
   double arrived_at = -std::numeric_limits<double>::infinity();  // a picture, if refused too [s]

@@ -321,10 +321,10 @@ LoadedCaptures loadCaptures(const io::Scene& scene, const io::DataSet& data,
       : kind == DataKind::kTagPoses
           ? posesOf(scene, data)
           : makeCaptures(scene, io::loadTagCorners(data, actuators), data.path, outside);
-  const std::map<int, statics::PointLoad> payload = payloadsOf(scene, data);
+  const std::map<int, statics::PointLoad> payloads = payloadsOf(scene, data);
   for (estimation::Capture& capture : loaded.captures) {
-    const auto found = payload.find(capture.number);
-    if (found != payload.end()) capture.payload = found->second;
+    const auto found = payloads.find(capture.number);
+    if (found != payloads.end()) capture.payload = found->second;
   }
   return withNearPressures(std::move(loaded), scene.arm);
 }
@@ -418,7 +418,7 @@ std::vector<std::string> warningsOfScatter(const io::Scene& scene,
   }
   if (apart.empty()) return {};
   return {(apart.size() > 1 ? "captures " : "capture ") + io::listOf(apart) +
-          (apart.size() > 1 ? ", the largest: " : ": ") + scatterText(largest, *check.usual)};
+          (apart.size() > 1 ? "; the worst of them: " : ": ") + scatterText(largest, *check.usual)};
 }
 
 void addCaptures(std::vector<estimation::Capture> captures, const std::string& file,

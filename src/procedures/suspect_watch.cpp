@@ -121,7 +121,7 @@ bool SuspectWatch::see(follow::VisualServo& loop, const estimation::Observation&
 void SuspectWatch::note(const follow::VisualServo& loop) {
   const estimation::ArmFilter::Input& picture = loop.seen();
   const bool changed = loop.load().contact || loop.drift().doubtful;
-  // A thing that changes in a sound arm, as a muscle that loses its hose, shows in later captures
+  // A change in a sound arm, as a muscle that loses its hose, shows in later captures
   // alone.
   if (changed && !changed_ && sound_) {
     kept_.clear();

@@ -185,11 +185,14 @@ std::optional<std::string> decode(const std::string& bytes, cv::Mat& gray) {
   const cv::Mat data(1, static_cast<int>(bytes.size()), CV_8UC1, const_cast<char*>(bytes.data()));
   try {
     // In the sensor's orientation: the calibration does not know the one stored in the file.
-    gray = cv::imdecode(data, cv::IMREAD_GRAYSCALE | cv::IMREAD_IGNORE_ORIENTATION);
+    // By way of colours: with a gamma in the file, libpng would weigh them otherwise than a JPEG
+    // does.
+    const cv::Mat colour = cv::imdecode(data, cv::IMREAD_COLOR | cv::IMREAD_IGNORE_ORIENTATION);
+    if (colour.empty()) return "it is damaged, truncated or not a picture";
+    cv::cvtColor(colour, gray, cv::COLOR_BGR2GRAY);
   } catch (const cv::Exception& error) {
     return "it does not decode: " + error.err;
   }
-  if (gray.empty()) return "it is damaged, truncated or not a picture";
   return std::nullopt;
 }
 

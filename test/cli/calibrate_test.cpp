@@ -274,7 +274,8 @@ TEST_F(CalibrateMeasured, HelicalTagsThatWereLeftOutArePredictedWithinThirtyMill
     const int number = fitted["captures"][i]["capture"].get<int>();
     apart += (count++ > 0 ? ", " : "") + std::to_string(number);
   }
-  EXPECT_TRUE(has(result["warnings"].dump(), "captures " + apart + ", the largest: no shape"));
+  EXPECT_TRUE(
+      has(result["warnings"].dump(), "captures " + apart + "; the worst of them: no shape"));
   EXPECT_GT(count, 1);
   EXPECT_LE(count, 4) << "those with wrong detections";
   std::printf(

@@ -388,7 +388,7 @@ TEST(OnsetHypotheses, AJumpOfWhatOtherTagsMeasureIsNoContact) {
   }
 }
 
-TEST(OnsetHypotheses, ResetForgetsContactAndForks) {
+TEST(OnsetHypotheses, ResetForgetsContactAndOnsets) {
   Bench bench(13);
   bench.moveUntilArmed();
   bench.touch({0, 1, 0});

@@ -53,7 +53,7 @@ TEST_P(BoardFaults, ABrokenSensorVentsItsChannelAndIsNamed) {
     board_.order(0, "150");
     EXPECT_LT(timeUntil(board_, [&] { return board_.vents(1); }), 0.03) << row.name;
     EXPECT_FALSE(board_.vents(0));
-    board_.advance(0.03);  // it may border shift before it knows
+    board_.advance(0.03);  // it may bleed before it knows
     const std::string fault = std::string("p1=fault ") + row.name;
     EXPECT_EQ(board_.ask("p1?"), fault);
     EXPECT_EQ(board_.order(1, "100"), fault);

@@ -283,7 +283,7 @@ using estimation::Camera;
 
 enum class Paper { kNone, kBlack, kWhite };
 
-// What the definition says is printed at (u, v) of a tag's plane [m]; white reaches `border shift`
+// What the definition says is printed at (u, v) of a tag's plane [m]; white reaches `border_shift`
 // into black.
 Paper paperAt(const cv::Mat& cells, int quiet, double u, double v, double border_shift) {
   const double cell = kTagSize / (cells.cols - 2 * quiet);

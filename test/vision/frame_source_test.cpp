@@ -54,10 +54,12 @@ TEST(PictureFiles, APictureTooLargeToBeSearchedIsAFault) {
   write(folder, "a.jpg",
         vision::JpegEncoder(95).encode(cv::Mat(8, 32768, CV_8UC1, cv::Scalar(90))));
   write(folder, "b.png", encoded(".png", cv::Mat(32768, 8, CV_8UC1, cv::Scalar(90))));
+  write(folder, "b2.png", encoded(".png", cv::Mat(8001, 8001, CV_8UC1, cv::Scalar(90))));
   write(folder, "c.png", encoded(".png", cv::Mat(8, 32767, CV_8UC1, cv::Scalar(90))));
   const auto source = FrameSource::files(folder.path());
   Frame frame;
-  for (const char* size : {"32768 x 8 px", "8 x 32768 px"}) {
+  for (const char* size :
+       {"32768 x 8 px", "8 x 32768 px", "8001 x 8001 px; expected at most 64000000 pixels"}) {
     EXPECT_EQ(source->next(frame), FrameStatus::kFault) << size;
     EXPECT_TRUE(has(frame.fault, size));
     EXPECT_TRUE(frame.gray.empty());

@@ -149,6 +149,22 @@ TEST(Jpeg, TheClaimedSizeIsKnownByTheHeaderAlone) {
   EXPECT_TRUE(JpegDecoder::claimedSize(nullptr, 0).empty());
 }
 
+// Each scan is decoded over all pixels.
+TEST(Jpeg, APictureOfHundredsOfScansIsRefused) {
+  const Bytes bytes = jpegOf(colourPicture(64, 48), TJPF_BGR, TJSAMP_420, 90, TJFLAG_PROGRESSIVE);
+  ASSERT_EQ(faultOf(bytes), "");
+  std::size_t last = 0;
+  for (std::size_t i = 0; i + 1 < bytes.size(); ++i) {
+    if (bytes[i] == 0xff && bytes[i + 1] == 0xda) last = i;
+  }
+  const auto end = bytes.end() - 2;
+  const Bytes scan(bytes.begin() + static_cast<long>(last), end);
+  Bytes many(bytes.begin(), end);
+  for (int i = 0; i < 600; ++i) many.insert(many.end(), scan.begin(), scan.end());
+  many.insert(many.end(), {0xff, 0xd9});
+  EXPECT_NE(faultOf(many), "");
+}
+
 TEST(Jpeg, PaddingOfWebcamsIsAccepted) {
   const Bytes bytes = jpegOf(colourPicture(64, 48), TJPF_BGR, TJSAMP_422);
   Bytes after = bytes;

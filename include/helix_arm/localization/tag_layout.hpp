@@ -40,9 +40,8 @@ struct TagLayout {
   /// with the smallest s, then the smallest id. A calibration of placements keeps this tag fixed.
   int baseTag() const;
   /// Outer corners of the black border in T [m].
-  /// @param border_shift  width of white bleeding into black at each edge, by which the border
-  /// appears
-  ///     smaller [m].
+  /// @param border_shift  width of white bleeding into black at each edge, by which the
+  ///     border appears smaller [m].
   Corners corners(double border_shift = 0.0) const;
   /// @throws std::invalid_argument naming the tag that breaks a rule: at most kMaxTags, unique ids
   ///     >= 0, sections below `sections`, s in [0, 1], all values finite, size > 0.

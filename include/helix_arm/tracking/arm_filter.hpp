@@ -32,7 +32,7 @@ inline constexpr int kObservationFaultCount = 10;  ///< number of values
 /// "implausible", "unbalanced" or "outlier".
 const char* nameOf(ObservationFault fault);
 
-/// Use that was made of a measurement.
+/// Verdict on a measurement.
 struct Observation {
   ObservationFault fault = ObservationFault::kNone;
   double distance2 = 0.0;  ///< squared Mahalanobis distance from the prediction

@@ -445,9 +445,10 @@ void checkTable(const MapReader& keys, const char* key, const model::StiffnessTa
   }
 }
 
-// In squares of the ring's radius: pressure then bends the section by 1 % of what its ring allows.
+// Largest K_kappa, in squares of the ring's radius: pressure then bends the section by 1 % of what
+// its ring allows.
 constexpr double kMostBending = 100;
-// In forces that the pressure range has on the cross-section of a muscle.
+// Bounds of K_eps, in forces that the pressure range has on the cross-section of a muscle.
 constexpr double kLeastExtensional = 0.02, kMostExtensional = 1000;
 
 // Refuses a stiffness out of proportion to the section's ring and muscles, as in another unit.

@@ -179,7 +179,7 @@ struct Words {
 Words answerWords(const CallAnswer& answer);
 Words loopWords(const CockpitView& view);
 Words calibrationWords(const CockpitView& view);
-/// Doubts about the result of a calibration; empty if nothing is.
+/// Doubts about the result of a calibration; empty if there are none.
 Words calibrationWarnings(const CockpitView& view);
 /// Progress and time left; or the figures and the path of the data sheet.
 Words experimentWords(const CockpitView& view);

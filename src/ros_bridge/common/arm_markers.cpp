@@ -238,7 +238,7 @@ visualization_msgs::InteractiveMarker handle(const std::string& frame, const io:
 
 double SideView::distance(double field_of_view, double aspect) const {
   const double half = std::tan(0.5 * field_of_view);
-  // A thing that is nearer to the camera than the base is larger.
+  // Parts nearer to the camera than the base look larger.
   constexpr double kMargin = 1.05;
   return kMargin * 0.5 * std::max(height / half, width / (half * aspect));
 }
