@@ -42,6 +42,7 @@ struct TagLayout {
   /// Outer corners of the black border in T [m].
   /// @param border_shift  width of white bleeding into black at each edge, by which the
   ///     border appears smaller [m].
+  /// @return (2 x 4) a corner per column.
   Corners corners(double border_shift = 0.0) const;
   /// @throws std::invalid_argument naming the tag that breaks a rule: at most kMaxTags, unique ids
   ///     >= 0, sections below `sections`, s in [0, 1], all values finite, size > 0.
