@@ -19,7 +19,7 @@ namespace helix_arm::estimation {
 namespace {
 
 constexpr char kCulprit[] = "contact";
-constexpr int kOnsetPeriod = 3;        // pictures
+constexpr int kOnsetPeriod = 3;       // pictures
 constexpr int kLeastAge = 2;          // pictures that an onset must have before its score counts
 constexpr double kArmingTime = 10.0;  // of pictures [s]
 constexpr double kLongestGap = 0.3;   // between pictures; a longer one counts as this [s]
@@ -146,7 +146,7 @@ struct OnsetHypotheses::Workspace {
   struct Onset {
     OnsetState state;
     OnsetState origin;  // the same without the pictures since then
-    double time;      // [s]
+    double time;        // [s]
     std::int64_t number, picture;
     bool agrees;  // the pictures with what was known of the arm
   };
@@ -389,7 +389,7 @@ struct OnsetHypotheses::Workspace {
   double deviation = 0.0, creep = 0.0;  // of forces on this arm [N], [N s^-1/2]
   bool ignores = false;                 // contacts
   QuietScore quiet;
-  std::vector<Onset> onsets;             // oldest first
+  std::vector<Onset> onsets;           // oldest first
   std::vector<Hypothesis> hypotheses;  // during contact, one per position; the last is the tip
   std::int64_t pictures = 0;
   double seen_time = 0.0;
@@ -407,7 +407,8 @@ struct OnsetHypotheses::Workspace {
   Drift drift;
 };
 
-OnsetHypotheses::OnsetHypotheses(const OnsetOptions& options) : work_(std::make_unique<Workspace>()) {
+OnsetHypotheses::OnsetHypotheses(const OnsetOptions& options)
+    : work_(std::make_unique<Workspace>()) {
   options.validate();
   work_->options = options;
 }
@@ -415,8 +416,9 @@ OnsetHypotheses::~OnsetHypotheses() = default;
 OnsetHypotheses::OnsetHypotheses(OnsetHypotheses&&) noexcept = default;
 OnsetHypotheses& OnsetHypotheses::operator=(OnsetHypotheses&&) noexcept = default;
 
-void OnsetHypotheses::see(double time, double tip_deviation, const model::Shape& measured, bool settled,
-                    double motion, ArmFilter& watch, TipCompliance& compliance) {
+void OnsetHypotheses::see(double time, double tip_deviation, const model::Shape& measured,
+                          bool settled, double motion, ArmFilter& watch,
+                          TipCompliance& compliance) {
   Workspace& w = *work_;
   const bool sure = tip_deviation < kSureTip;
   // For a soft arm they are small in proportion. Otherwise a force at its tip would be expected to

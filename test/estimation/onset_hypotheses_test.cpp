@@ -27,8 +27,8 @@ ArmModel knownStiffness() {
   return ArmModel(test::ringArm(test::helicalRing()), std::nullopt, stiffnessAlone());
 }
 
-// A true arm that a force may pull, a filter that watches it, and onsets of that filter. The mean of
-// the strain is measured, with noise.
+// A true arm that a force may pull, a filter that watches it, and onsets of that filter. The mean
+// of the strain is measured, with noise.
 class Bench {
  public:
   explicit Bench(unsigned seed, const OnsetOptions& options = {})
@@ -68,8 +68,8 @@ class Bench {
     picture.covariance = deviation.cwiseAbs2().asDiagonal();
     watch.see(picture);
     compliance.moveTo(picture.pressure, watch.correction());
-    onsets.see(time, tip_deviation, model::shapeOf(model.arm(), picture.twists), true, motion, watch,
-              compliance);
+    onsets.see(time, tip_deviation, model::shapeOf(model.arm(), picture.twists), true, motion,
+               watch, compliance);
   }
   void run(double seconds) {
     for (double end = time + seconds; time < end - kPeriod / 2;) see();

@@ -50,7 +50,7 @@ struct Drift {
   /// camera or base that has moved, or a changed arm. Ends after half a second within that.
   bool doubtful = false;
   double distance = 0.0;  ///< [m]
-  /// Distance that hysteresis, creep and noise explain: chi-square's 99.9 % point; at least 5 mm [m].
+  /// Distance by hysteresis, creep and noise: chi-square's 99.9 % point; at least 5 mm [m].
   double allowed = 0.0;
   double age = 0.0;  ///< of what was learnt, in time of pictures [s]
 };
