@@ -15,7 +15,7 @@ class Result:
 
     @classmethod
     def of(cls, found: Dict[str, Any]) -> Any:
-        """Result of a dict which has its fields, and others."""
+        """The result whose fields a dict has, among others."""
         return cls(**{field.name: found[field.name] for field in dataclasses.fields(cls)})  # type: ignore[arg-type]
 
     def to_dict(self) -> Dict[str, Any]:

@@ -128,10 +128,10 @@ std::vector<ArmCaptures> fewOf(std::vector<ArmCaptures> arms) {
 }
 
 // Fits the requested parameters; nothing if no fit is possible.
-class Residual {
+class TrialFits {
  public:
   // @param rough  ends each fit once its noise is known.
-  Residual(const CalibrationOptions& options, const std::function<bool()>& stop, bool rough)
+  TrialFits(const CalibrationOptions& options, const std::function<bool()>& stop, bool rough)
       : options_(options), stop_(stop), rough_(rough) {
     options_.errors = options_.held_out = false;
   }
@@ -644,20 +644,20 @@ struct Found {
 
 // Nothing if it cannot be fitted.
 std::optional<Found> tried(const Trial& trial, double size, const std::vector<ArmCaptures>& arms,
-                           const Residual& residual) {
-  Case one{arms, residual.options()};
+                           const TrialFits& fits) {
+  Case one{arms, fits.options()};
   trial.correct(size, one);
-  const std::optional<Square> square = residual.of(one, trial.sizes.size() > 1);
+  const std::optional<Square> square = fits.of(one, trial.sizes.size() > 1);
   if (!square) return std::nullopt;
   return Found{size, square->mean, 1 + kPriceOfNumber * (trial.numbers + square->moved), &trial};
 }
 
 // At its best size.
 std::optional<Found> best(const Trial& trial, const std::vector<ArmCaptures>& arms,
-                          const Residual& residual) {
+                          const TrialFits& fits) {
   std::map<double, Found> known;
   const auto at = [&](double size) {
-    if (const auto found = tried(trial, size, arms, residual)) known.emplace(size, *found);
+    if (const auto found = tried(trial, size, arms, fits)) known.emplace(size, *found);
   };
   const auto least = [&] {
     return std::min_element(known.begin(), known.end(), [](const auto& a, const auto& b) {
@@ -678,7 +678,7 @@ std::optional<Found> best(const Trial& trial, const std::vector<ArmCaptures>& ar
 
 // The best trials, the best one first: all with some captures, then these with all.
 std::vector<Found> bestOf(const std::vector<Trial>& trials, const std::vector<ArmCaptures>& read,
-                          const Residual& rough, const Residual& residual) {
+                          const TrialFits& rough, const TrialFits& fits) {
   std::vector<Found> found, out;
   const auto sort = [](std::vector<Found>& all) {
     std::stable_sort(all.begin(), all.end(), [](const Found& a, const Found& b) {
@@ -693,7 +693,7 @@ std::vector<Found> bestOf(const std::vector<Trial>& trials, const std::vector<Ar
   sort(found);
   for (const Found& one : found) {
     if (out.size() == kFinalists) break;
-    if (const auto all = tried(*one.trial, one.size, read, residual)) out.push_back(*all);
+    if (const auto all = tried(*one.trial, one.size, read, fits)) out.push_back(*all);
   }
   sort(out);
   return out;
@@ -720,9 +720,9 @@ struct Evidence {
 
 // The suspect of a trial that explains so much; nothing if its fit shows no mistake.
 std::optional<Suspect> shown(const Found& one, double explains, const Evidence& evidence,
-                             const Residual& residual) {
+                             const TrialFits& fits) {
   const Trial& trial = *one.trial;
-  Case corrected{evidence.read, residual.options()};
+  Case corrected{evidence.read, fits.options()};
   trial.correct(one.size, corrected);
   clampPressures(corrected.arms);
   const Calibration fit = calibrate(corrected.arms, corrected.options);
@@ -739,7 +739,7 @@ std::optional<Suspect> shown(const Found& one, double explains, const Evidence& 
 }
 
 // The suspect of a trial; nothing if it explains too little, or is too small for a mistake.
-std::optional<Suspect> named(const Found& one, const Evidence& evidence, const Residual& residual) {
+std::optional<Suspect> named(const Found& one, const Evidence& evidence, const TrialFits& fits) {
   const Trial& trial = *one.trial;
   const Square& before = evidence.before;
   if (std::abs(one.size - trial.neutral) < trial.least) return std::nullopt;
@@ -753,12 +753,12 @@ std::optional<Suspect> named(const Found& one, const Evidence& evidence, const R
   const double beyond = before.mean - std::min(1.0, one.residual);
   const double explains = beyond > 0 ? (before.mean - one.residual) / beyond : 0;
   if (explains < (evidence.inside ? kLeastShare : kLeastShareInside)) return std::nullopt;
-  return shown(one, explains, evidence, residual);
+  return shown(one, explains, evidence, fits);
 }
 
 // Tags that are turned alone, which the mean square leaves out: no capture fits them until they
 // are.
-std::vector<Suspect> turnedAlone(const Evidence& evidence, const Residual& residual) {
+std::vector<Suspect> turnedAlone(const Evidence& evidence, const TrialFits& fits) {
   constexpr std::size_t kMost = 3;
   const ArmCaptures& arm = evidence.read.front();
   const double far = kFar * kFar * evidence.before.usual;
@@ -772,13 +772,13 @@ std::vector<Suspect> turnedAlone(const Evidence& evidence, const Residual& resid
     std::vector<Trial> trials;
     addTurnsOf(rowOf(arm.layout, {tag}), arm.layout, trials);
     for (const Trial& trial : trials) {
-      Case one{evidence.read, residual.options()};
+      Case one{evidence.read, fits.options()};
       trial.correct(0, one);
-      const std::optional<Square> after = residual.of(one);
+      const std::optional<Square> after = fits.of(one);
       if (!after || after->of_tag.at(tag) > far) continue;
       const double before = evidence.before.of_tag.at(tag), left = after->of_tag.at(tag);
       const double explains = (before - left) / (before - std::min(1.0, left));
-      if (auto suspect = shown({0, after->mean, 1, &trial}, explains, evidence, residual)) {
+      if (auto suspect = shown({0, after->mean, 1, &trial}, explains, evidence, fits)) {
         out.push_back(*suspect);
       }
     }
@@ -788,13 +788,13 @@ std::vector<Suspect> turnedAlone(const Evidence& evidence, const Residual& resid
 
 // The suspects of all trials, the best first.
 std::vector<Suspect> namedOf(const std::vector<Found>& found, const Evidence& evidence,
-                             const Residual& residual) {
+                             const TrialFits& fits) {
   std::vector<Suspect> out;
   double least = evidence.inside ? evidence.before.mean : 0.0;
   for (const Found& one : found) {
-    if (residual.stopped()) return {};
+    if (fits.stopped()) return {};
     if (out.size() == kMostNamed) break;
-    if (std::optional<Suspect> suspect = named(one, evidence, residual)) {
+    if (std::optional<Suspect> suspect = named(one, evidence, fits)) {
       least = std::min(least, one.residual);
       out.push_back(*suspect);
     }
@@ -827,9 +827,9 @@ std::vector<Suspect> suspectsOf(const std::vector<ArmCaptures>& arms,
   if (read.empty() || read.front().captures.empty()) return {};
   const std::optional<bool> outside = isOutside(read);
   if (!outside) return {};
-  Residual residual(options, stop, false);
-  Case given{read, residual.options()};
-  const std::optional<Square> fitted = residual.of(given, true, true);
+  TrialFits fits(options, stop, false);
+  Case given{read, fits.options()};
+  const std::optional<Square> fitted = fits.of(given, true, true);
   // Data that cannot be fitted for another reason than its pressures has no suspects.
   if (!fitted && !*outside) return {};
   Evidence evidence{read, fitted.value_or(Square{kNoFit, static_cast<int>(kNoFit)}),
@@ -843,15 +843,15 @@ std::vector<Suspect> suspectsOf(const std::vector<ArmCaptures>& arms,
     given.options.border_shift = false;
     given.options.tags = options.tags && !placed;
     given.options.base = options.base || (placed && options.free_shapes);
-    residual = Residual(given.options, stop, false);
-    evidence.before = residual.of(given, true, true).value_or(evidence.before);
+    fits = TrialFits(given.options, stop, false);
+    evidence.before = fits.of(given, true, true).value_or(evidence.before);
   }
-  const auto alone = [&] { return turnedAlone(evidence, residual); };
+  const auto alone = [&] { return turnedAlone(evidence, fits); };
   if (evidence.inside && evidence.before.mean < kAsNoise) return alone();
   const std::vector<Trial> trials = trialsFor(read.front(), options, kindOf(firstReading(read)));
   const std::vector<Found> found =
-      bestOf(trials, read, Residual(residual.options(), stop, true), residual);
-  std::vector<Suspect> out = namedOf(found, evidence, residual);
+      bestOf(trials, read, TrialFits(fits.options(), stop, true), fits);
+  std::vector<Suspect> out = namedOf(found, evidence, fits);
   return out.empty() ? alone() : out;
 }
 

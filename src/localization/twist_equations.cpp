@@ -163,7 +163,7 @@ void TwistEquations::know(const RigEstimate& rig) {
       inverseOf(rig.covariance.topLeftCorner<kBaseParameters, kBaseParameters>());
 }
 
-double TwistEquations::addPriors(const FitPoint& point, bool bleeds,
+double TwistEquations::addPriors(const FitPoint& point, bool fits_border_shift,
                                  Eigen::Ref<Eigen::VectorXd> gradient,
                                  Eigen::Ref<Eigen::MatrixXd> hessian) const {
   double cost = 0;
@@ -177,10 +177,12 @@ double TwistEquations::addPriors(const FitPoint& point, bool bleeds,
   }
   if (options_.free_base) {
     // The prior is of log X_B0B; a step multiplies X_B0B from the right.
-    const RigEstimate::Matrix& information = bleeds ? both_information_ : base_information_;
+    const RigEstimate::Matrix& information =
+        fits_border_shift ? both_information_ : base_information_;
     RigEstimate::Vector residual = -rig_.mean;
     residual.head<kBaseParameters>() += point.base_offset;
-    residual[kBaseParameters] = bleeds ? residual[kBaseParameters] + point.border_shift : 0.0;
+    residual[kBaseParameters] =
+        fits_border_shift ? residual[kBaseParameters] + point.border_shift : 0.0;
     RigEstimate::Matrix rows = RigEstimate::Matrix::Identity();
     rows.topLeftCorner<kBaseParameters, kBaseParameters>() =
         lie::SE3::rightJacobianInverse(point.base_offset);
@@ -188,12 +190,12 @@ double TwistEquations::addPriors(const FitPoint& point, bool bleeds,
     cost += residual.dot(weighted);
     const RigEstimate::Matrix by_base = rows.transpose() * information * rows;
     const RigEstimate::Vector pull = rows.transpose() * weighted;
-    const int count = kBaseParameters + (bleeds ? 1 : 0), first = baseColumn();
+    const int count = kBaseParameters + (fits_border_shift ? 1 : 0), first = baseColumn();
     for (int i = 0; i < count; ++i) {
       gradient[first + i] += pull[i];
       for (int k = 0; k < count; ++k) hessian(first + i, first + k) += by_base(i, k);
     }
-  } else if (bleeds) {
+  } else if (fits_border_shift) {
     const int b = borderShiftColumn();
     const double information = 1 / rig_.covariance(kBaseParameters, kBaseParameters);
     const double residual = point.border_shift - rig_.mean[kBaseParameters];

@@ -231,7 +231,7 @@ class TwistEquations {
   /// Number of parameters.
   template <class Model>
   int parameters() const {
-    return borderShiftColumn() + (bleeds<Model>() ? 1 : 0);
+    return borderShiftColumn() + (fitsBorderShift<Model>() ? 1 : 0);
   }
   /// Sum of a tag's squared residuals beyond which it is an outlier.
   template <class Model>
@@ -277,7 +277,8 @@ class TwistEquations {
       to.X_B0B = from.X_B0B * lie::SE3::exp(step.template segment<6>(baseColumn()));
       to.base_offset = to.X_B0B.log();
     }
-    to.border_shift = from.border_shift + (bleeds<Model>() ? step[borderShiftColumn()] : 0.0);
+    to.border_shift =
+        from.border_shift + (fitsBorderShift<Model>() ? step[borderShiftColumn()] : 0.0);
   }
 
   /// Computes a point's cost (infinite if a tag is behind the camera), residuals, normal equations.
@@ -347,7 +348,7 @@ class TwistEquations {
   /// Adds the priors' equations; returns their cost.
   template <class Model>
   double addPriors(const FitPoint& point, NormalEquations& system) const {
-    return addPriors(point, bleeds<Model>(), system.gradient, system.hessian);
+    return addPriors(point, fitsBorderShift<Model>(), system.gradient, system.hessian);
   }
 
  private:
@@ -358,14 +359,14 @@ class TwistEquations {
   int borderShiftColumn() const {
     return 6 * sections_ + (options_.free_base ? kBaseParameters : 0);
   }
-  double addPriors(const FitPoint& point, bool bleeds, Eigen::Ref<Eigen::VectorXd> gradient,
-                   Eigen::Ref<Eigen::MatrixXd> hessian) const;
+  double addPriors(const FitPoint& point, bool fits_border_shift,
+                   Eigen::Ref<Eigen::VectorXd> gradient, Eigen::Ref<Eigen::MatrixXd> hessian) const;
   // By how much each tag's place is known worse than that of the best one: a calibration's errors
   // do not average out, so a tag that it did not see must not count like the others.
   void weighTags();
 
   template <class Model>
-  bool bleeds() const {
+  bool fitsBorderShift() const {
     return Model::kBorderShifts && options_.free_border_shift;
   }
 
@@ -392,7 +393,7 @@ class TwistEquations {
     }
     jacobian.fill(rows, 6 * k, J);
     if (options_.free_base) base_jacobian_.fill(rows, baseColumn(), J);
-    if (bleeds<Model>()) J.col(borderShiftColumn()) = rows.by_border_shift;
+    if (fitsBorderShift<Model>()) J.col(borderShiftColumn()) = rows.by_border_shift;
     if (options_.planar) {
       for (int j = 0; j <= k; ++j) {
         for (const int entry : kOutOfPlane) J.col(6 * j + entry).setZero();

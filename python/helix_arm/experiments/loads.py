@@ -114,34 +114,34 @@ def plan_payload(rig: Rig, scene: Scene, options: Options) -> List[Trial]:
 
 def analyse_payload(recordings: Recordings, names: Sequence[str], scene: Optional[Scene] = None) -> Analysis:
     """recordings: named as in "hung 50 g 1" (mass, repeat) and "tip 1 told 1" (number of the tip, model, repeat)."""
-    out, hung, errors, wanted = Analysis(), {}, {}, None
+    out, tips, errors, wanted = Analysis(), {}, {}, None
     if scene is not None:
         limits = scene.limits_pa
         wanted = [scene.tips(limits[:, 0] + one * np.ptp(limits, axis=1)) for one in poses(len(limits))[1:4]]
     for trial, recording in recordings.items():
         told, tip = re.match(SHIFT, trial), re.match(TIP, trial)
         if told:
-            hung.setdefault(told[2], {})[int(told[1])] = tip_of(recording)
+            tips.setdefault(told[2], {})[int(told[1])] = tip_of(recording)
         elif tip and wanted is not None:
             errors.setdefault((tip[2], tip[3]), []).append(float(np.linalg.norm(tip_of(recording) - wanted[int(tip[1]) - 1])))
-    masses = sorted({mass for one in hung.values() for mass in one})
-    whole = [one for one in hung.values() if sorted(one) == masses and len(masses) > 1]
+    masses = sorted({mass for one in tips.values() for mass in one})
+    whole = [one for one in tips.values() if sorted(one) == masses and len(masses) > 1]
     if len(whole) < 2:
         out.figures.append(Figure.unknown("shift by a payload", "dx", "mm/50 g", "there are no two repeats of two masses or more."))
     else:
         ways = np.array([[one[mass] - one[masses[0]] for mass in masses[1:]] for one in whole])
-        shifts, hung_g = [], np.array(masses[1:], float)
+        shifts, mass_g = [], np.array(masses[1:], float)
         for i in range(len(ways)):
             # The other repeats tell the direction, so that noise does not lengthen the way.
             others = np.delete(ways, i, 0).mean(axis=0)[-1]
             along = ways[i] @ (others / np.linalg.norm(others))
-            loads = hung_g - masses[0]
+            loads = mass_g - masses[0]
             shifts.append(1e3 * 50 * float(along @ loads / (loads @ loads)))
         out.figures.append(Figure("shift by a payload", "dx", *of_repeats(shifts), "mm/50 g",
                                   f"Slope of the tip's way over the hung mass, up to {masses[-1]} g, in the middle pose; scatter of "
                                   "the repeats."))
         out.plots.append(Plot("Tip shift by payload", "mass [g]", "shift [mm]", [Curve(
-            np.append(0, hung_g), np.append(0, 1e3 * np.linalg.norm(ways.mean(axis=0), axis=1)), "", "o-")]))
+            np.append(0, mass_g), np.append(0, 1e3 * np.linalg.norm(ways.mean(axis=0), axis=1)), "", "o-")]))
     for word, text in (("untold", "by pressures of the model without it"), ("told", "by those of the model that is told of it")):
         values = [1e3 * float(np.sqrt(np.mean(np.square(one)))) for (model, _), one in errors.items() if model == word]
         if len(values) > 1:

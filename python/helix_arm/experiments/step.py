@@ -16,7 +16,7 @@ from helix_arm.scene import Scene
 REPEATS, HOLD_S, TOP = 5, 8.0, 0.6  # TOP: share of the range
 LEVELS = {"t5": (0.05, "5 % time"), "t63": (0.63, "63 % time"), "t90": (0.90, "90 % time"), "t98": (0.98, "98 % time")}
 LEAST, STILL, STILL_S = 0.15, 0.05, 0.1  # changes of the range of pressure that are a step, and that are none
-MISFIT, LEAST_WIDTH = 1.3, 1.5  # variance about a fit, by that of the noise; half width of a fit, by the spacing of readings
+RESIDUAL_RATIO, LEAST_WIDTH = 1.3, 1.5  # variance about a fit, by that of the noise; half width of a fit, by the spacing of readings
 RINGING = 2 / 3  # of the releases and steps, that have to ring
 SURE = 4.5  # standard deviations of a fitted value
 FINAL, BEFORE_S = 0.2, 1.0  # part of the hold whose mean is the final value; time before a step whose mean is the start
@@ -39,7 +39,7 @@ def plan(rig: Rig, scene: Scene, options: Options) -> List[Trial]:
 
 @dataclass(frozen=True)
 class Response:
-    """Figures of one step, as parts of it. time: since the command began to change [s]."""
+    """Response to one step, as a fraction of it. time: since the command began to change [s]."""
 
     time: np.ndarray
     part: np.ndarray
@@ -134,7 +134,7 @@ def _noise(parts: Sequence[Response]) -> float:
 def _width(parts: Sequence[Response], centre: float, widest: float) -> float:
     """Half of the largest width at which a quadratic fits within the noise, so that its bias is far below that."""
     noise, half, least = _noise(parts), 2 * LEAST_WIDTH * parts[0].spacing, LEAST_WIDTH * parts[0].spacing
-    while half < widest and _local(parts, np.array([centre]), 1.4 * half)[1][0] < MISFIT * noise:
+    while half < widest and _local(parts, np.array([centre]), 1.4 * half)[1][0] < RESIDUAL_RATIO * noise:
         half *= 1.4
     return max(half / 2, least)
 
@@ -307,7 +307,7 @@ def analyse(recordings: Recordings, names: Sequence[str], scene: Optional[Scene]
 
 
 def _drift(name: str, group: Group) -> Figure:
-    """Way of the tip before the first and before the last step."""
+    """Drift of the tip from before the first to before the last step."""
     means, errors = [], []
     for recording, _, step, earlier in (group[0], group[-1]):
         time, tip = recording.time_s, recording.tip_m

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <chrono>
 #include <filesystem>
+#include <stdexcept>
+#include <string>
 #include <system_error>
 #include <utility>
 #include <variant>
@@ -85,9 +87,10 @@ PictureSource::PictureSource(ros::NodeHandle& node, const VisionOptions& options
                     "distortion_model, distortion_coefficients); files of cv::FileStorage, which "
                     "begin with %YAML:1.0, are not");
     const auto camera = fromMsg(calibration_->getCameraInfo());
-    const auto* refusal = std::get_if<PictureRefusal>(&camera);
-    basics::require(refusal == nullptr, "~camera_info_url is ", options_.camera_info_url, "; its ",
-                    refusal == nullptr ? "" : refusal->message);
+    if (const auto* refusal = std::get_if<PictureRefusal>(&camera)) {
+      throw std::invalid_argument("~camera_info_url is " + options_.camera_info_url + "; its " +
+                                  refusal->message);
+    }
   }
 }
 
