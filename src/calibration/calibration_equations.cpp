@@ -16,19 +16,16 @@ LinearisedReadings::LinearisedReadings(Shared& shared, ReadingKind kind,
       first_term_(places.size() + 1, terms.size()),
       known_(places.size(), kNothing),
       states_(places.size()),
-      squares_(terms.size(), 0.0) {
-  std::size_t entries = 0;
+      squares_(terms.size(), 0.0),
+      residuals_(terms.size()),
+      jacobians_(terms.size()) {
   for (std::size_t t = 0; t < terms.size(); ++t) {
-    const ReadingCost& cost = *terms[t].cost;
-    const auto capture = static_cast<std::size_t>(cost.place().capture);
+    const auto capture = static_cast<std::size_t>(terms[t].cost->place().capture);
     first_term_[capture] = std::min(first_term_[capture], t);
-    first_entry_.push_back(entries);
-    entries += static_cast<std::size_t>(cost.residuals() * cost.stride());
   }
   for (std::size_t c = places.size(); c-- > 0;) {
     first_term_[c] = std::min(first_term_[c], first_term_[c + 1]);
   }
-  jacobians_.resize(entries, 0.0);
 }
 
 void LinearisedReadings::update(const Values& values, const Eigen::VectorXd& numbers,
@@ -48,277 +45,116 @@ void LinearisedReadings::evaluate(int capture, const Values& values, bool deriva
   state = stateAt(shared_, places_[capture], kind_, values, derivatives);
   for (std::size_t t = first_term_[capture]; t < first_term_[capture + 1]; ++t) {
     const ReadingCost& cost = *terms_[t].cost;
-    residuals_.resize(static_cast<std::size_t>(cost.residuals()));
-    double* const jacobian = derivatives ? &jacobians_[first_entry_[t]] : nullptr;
     squares_[t] = std::numeric_limits<double>::infinity();
-    if (!state.shape.found ||
-        !cost.evaluate(state, values, residuals_.data(), jacobian, by_pieces_)) {
+    if (!state.shape.found || !cost.evaluate(state, values, residuals_[t],
+                                             derivatives ? &jacobians_[t] : nullptr, by_pieces_)) {
       continue;
     }
-    squares_[t] =
-        Eigen::Map<const Eigen::VectorXd>(residuals_.data(), cost.residuals()).squaredNorm();
-    for (int r = 0; derivatives && r < cost.residuals(); ++r) {
-      jacobian[r * cost.stride() + cost.columns()] = residuals_[r];
-    }
+    squares_[t] = residuals_[t].squaredNorm();
   }
   known_[capture] = derivatives ? kDerivatives : kResiduals;
 }
 
-namespace {
-
-// Blocks of some rows and columns, too small for the overhead of general ones.
-void addBlock(const double* from, int stride, int rows, int columns, double* to,
-              Eigen::Index to_stride) {
-  for (int i = 0; i < rows; ++i, from += stride, to += to_stride) {
-    for (int j = 0; j < columns; ++j) to[j] += from[j];
-  }
-}
-
-void addTransposed(const double* from, int stride, int rows, int columns, double* to,
-                   Eigen::Index to_stride) {
-  for (int i = 0; i < rows; ++i, from += stride) {
-    for (int j = 0; j < columns; ++j) to[j * to_stride + i] += from[j];
-  }
-}
-
-// U^-1 X.
-template <class Matrix>
-void divideByRootOnly(const RowMajor& U, Matrix& X) {
-  for (Eigen::Index i = U.rows(); i-- > 0;) {
-    for (Eigen::Index k = i + 1; k < U.rows(); ++k) X.row(i) -= U(i, k) * X.row(k);
-    X.row(i) /= U(i, i);
-  }
-}
-
-}  // namespace
-
-ArrowEquations::ArrowEquations(const ParameterBlocks& blocks, const std::vector<ReadingTerm>& terms,
-                               ParameterBlock eliminated)
-    : count_(blocks.columns()), blocks_(blocks) {
-  int rows = 0;
-  for (std::size_t b = 0; b < blocks.all().size(); ++b) {
-    const ParameterBlocks::Block& block = blocks.all()[b];
+CalibrationEquations::CalibrationEquations(const ParameterBlocks& blocks, ParameterBlock eliminated)
+    : blocks_(blocks) {
+  for (const ParameterBlocks::Block& block : blocks.all()) {
     const bool first = block.kind == eliminated;
-    at_.push_back(first ? -1 : rows);
-    eliminated_.push_back(first ? static_cast<int>(shapes_or_tags_.size()) : -1);
-    if (first) {
-      Eliminated one;
-      one.block = b;
-      one.column = block.column;
-      one.size = block.size();
-      shapes_or_tags_.push_back(std::move(one));
-      continue;
-    }
-    rows += block.size();
-    for (int i = 0; i < block.size(); ++i) columns_.push_back(block.column + i);
+    if (first) eliminated_.push_back(block);
+    for (int i = 0; i < block.size(); ++i) (first ? first_ : rest_).push_back(block.column + i);
   }
-  rest_.resize(rows, rows);
-  gradient_.resize(rows);
-  int most = 0;
-  for (const ReadingTerm& term : terms) {
-    terms_.push_back(partsOf(term));
-    most = std::max(most, terms_.back().size);
-  }
-  placeCrossColumns();
-  largest_ = static_cast<std::size_t>(most * padded(most + 1));
+  H_.resize(blocks.columns(), blocks.columns());
+  gradient_.resize(blocks.columns());
+  roots_.resize(eliminated_.size());
 }
 
-ArrowEquations::TermParts ArrowEquations::partsOf(const ReadingTerm& term) const {
-  TermParts out;
-  out.residuals = term.cost->residuals();
-  for (const int b : term.blocks) {
-    const int size = blocks_.all()[b].size();
-    if (eliminated_[b] >= 0) out.eliminated = eliminated_[b];
-    Part* const last = out.parts.empty() ? nullptr : &out.parts.back();
-    if (last != nullptr && last->at >= 0 && at_[b] == last->at + last->size) {
-      last->size += size;
-    } else {
-      out.parts.push_back({out.size, size, at_[b], -1});
-    }
-    out.size += size;
-  }
-  return out;
+void CalibrationEquations::addPrior(const ParameterBlocks::Block& block,
+                                    const Eigen::VectorXd& offset) {
+  const Eigen::VectorXd precision = block.deviation.array().square().inverse();
+  H_.diagonal().segment(block.column, block.size()) += precision;
+  gradient_.segment(block.column, block.size()) += precision.cwiseProduct(offset);
 }
 
-void ArrowEquations::placeCrossColumns() {
-  for (const TermParts& term : terms_) {
-    if (term.eliminated < 0) continue;
-    std::vector<int>& at = shapes_or_tags_[term.eliminated].at;
-    for (const Part& part : term.parts) {
-      for (int i = 0; part.at >= 0 && i < part.size; ++i) at.push_back(part.at + i);
-    }
-  }
-  for (Eliminated& one : shapes_or_tags_) {
-    std::sort(one.at.begin(), one.at.end());
-    one.at.erase(std::unique(one.at.begin(), one.at.end()), one.at.end());
-    one.own.resize(one.size, one.size);
-    one.cross.resize(one.size, padded(static_cast<int>(one.at.size())));
-    one.gradient.resize(one.size);
-  }
-  for (TermParts& term : terms_) {
-    if (term.eliminated < 0) continue;
-    const std::vector<int>& at = shapes_or_tags_[term.eliminated].at;
-    for (Part& part : term.parts) {
-      part.local = static_cast<int>(std::lower_bound(at.begin(), at.end(), part.at) - at.begin());
-    }
-  }
-}
-
-void ArrowEquations::clear(const std::function<bool(const ParameterBlocks::Block&)>& active) {
-  rest_.setZero();
-  gradient_.setZero();
-  for (Eliminated& one : shapes_or_tags_) {
-    one.active = active(blocks_.all()[one.block]);
-    one.own.setZero();
-    one.cross.setZero();
-    one.gradient.setZero();
-  }
-}
-
-void ArrowEquations::addPrior(std::size_t b, const Eigen::VectorXd& offset) {
-  const ParameterBlocks::Block& block = blocks_.all()[b];
-  const bool first = eliminated_[b] >= 0;
-  Eliminated* const one = first ? &shapes_or_tags_[eliminated_[b]] : nullptr;
-  if (first && !one->active) return;
-  for (int i = 0; i < block.size(); ++i) {
-    const double precision = 1 / (block.deviation[i] * block.deviation[i]);
-    const int row = first ? i : at_[b] + i;
-    (first ? one->own : rest_)(row, row) += precision;
-    (first ? one->gradient : gradient_)[row] += precision * offset[i];
-  }
-}
-
-void ArrowEquations::addDirection(std::size_t b, const Eigen::VectorXd& direction, double deviation,
-                                  double offset) {
+void CalibrationEquations::addDirection(const ParameterBlocks::Block& block,
+                                        const Eigen::VectorXd& direction, double deviation,
+                                        double offset) {
   const double precision = 1 / (deviation * deviation);
-  const Eigen::Index size = direction.size();
-  rest_.block(at_[b], at_[b], size, size) += precision * direction * direction.transpose();
-  gradient_.segment(at_[b], size) += precision * offset * direction;
+  H_.block(block.column, block.column, block.size(), block.size()) +=
+      precision * direction * direction.transpose();
+  gradient_.segment(block.column, block.size()) += precision * offset * direction;
 }
 
-void ArrowEquations::addTerm(std::size_t t, const double* J, double weight) {
-  const TermParts& term = terms_[t];
-  const int stride = padded(term.size + 1);
-  square_.resize(std::max(square_.size(), largest_));
-  squareRows(J, term.residuals, stride, term.size, weight, square_.data());
-  Eliminated* const first = term.eliminated < 0 ? nullptr : &shapes_or_tags_[term.eliminated];
-  for (std::size_t i = 0; i < term.parts.size(); ++i) {
-    const Part& a = term.parts[i];
-    const double* const rows = &square_[static_cast<std::size_t>(a.column * stride)];
-    double* const gradient = a.at < 0 ? first->gradient.data() : &gradient_[a.at];
-    for (int row = 0; row < a.size; ++row) gradient[row] += rows[row * stride + term.size];
-    for (std::size_t j = i; j < term.parts.size(); ++j) {
-      const Part& b = term.parts[j];
-      const double* const block = rows + b.column;
-      if (a.at < 0 && b.at < 0) {
-        addBlock(block, stride, a.size, b.size, first->own.data(), first->own.cols());
-      } else if (a.at < 0) {
-        addBlock(block, stride, a.size, b.size, &first->cross(0, b.local), first->cross.cols());
-      } else if (b.at < 0) {
-        addTransposed(block, stride, a.size, b.size, &first->cross(0, a.local),
-                      first->cross.cols());
-      } else if (a.at <= b.at) {
-        addBlock(block, stride, a.size, b.size, &rest_(a.at, b.at), rest_.cols());
-      } else {
-        addTransposed(block, stride, a.size, b.size, &rest_(b.at, a.at), rest_.cols());
-      }
-    }
+void CalibrationEquations::addTerm(const ReadingTerm& term, const Eigen::MatrixXd& J,
+                                   const Eigen::VectorXd& residual, double weight) {
+  addInformation(term, blocks_, J, weight, H_);
+  int column = 0;
+  for (const int b : term.blocks) {
+    const ParameterBlocks::Block& block = blocks_.all()[b];
+    gradient_.segment(block.column, block.size()).noalias() +=
+        weight * J.middleCols(column, block.size()).transpose().lazyProduct(residual);
+    column += block.size();
   }
 }
 
-Eigen::VectorXd ArrowEquations::gradient() const {
-  Eigen::VectorXd out = Eigen::VectorXd::Zero(count_);
-  out(columns_) = gradient_;
-  for (const Eliminated& one : shapes_or_tags_) out.segment(one.column, one.size) = one.gradient;
-  return out;
-}
-
-Eigen::VectorXd ArrowEquations::diagonal() const {
-  Eigen::VectorXd out = Eigen::VectorXd::Zero(count_);
-  out(columns_) = rest_.diagonal();
-  for (const Eliminated& one : shapes_or_tags_) {
-    out.segment(one.column, one.size) = one.own.diagonal();
+bool CalibrationEquations::factor(const Eigen::VectorXd& damping) {
+  cross_ = H_(first_, rest_);
+  scaled_gradient_ = gradient_(first_);
+  Eigen::Index row = 0;
+  for (std::size_t b = 0; b < eliminated_.size(); ++b) {
+    const int column = eliminated_[b].column, size = eliminated_[b].size();
+    Eigen::MatrixXd own = H_.block(column, column, size, size);
+    own.diagonal() += damping.segment(column, size);
+    if (roots_[b].compute(own).info() != Eigen::Success) return false;
+    auto cross = cross_.middleRows(row, size);
+    auto gradient = scaled_gradient_.segment(row, size);
+    roots_[b].matrixL().solveInPlace(cross);
+    roots_[b].matrixL().solveInPlace(gradient);
+    row += size;
   }
-  return out;
+  reduced_ = H_(rest_, rest_);
+  reduced_.diagonal() += damping(rest_);
+  reduced_.selfadjointView<Eigen::Lower>().rankUpdate(cross_.transpose(), -1);
+  // Eigen calls NaN a success.
+  return root_.compute(reduced_).info() == Eigen::Success &&
+         root_.matrixLLT().diagonal().allFinite();
 }
 
-Eigen::MatrixXd ArrowEquations::dense() const {
-  Eigen::MatrixXd out = Eigen::MatrixXd::Zero(count_, count_);
-  out(columns_, columns_) = Eigen::MatrixXd(rest_.selfadjointView<Eigen::Upper>());
-  for (const Eliminated& one : shapes_or_tags_) {
-    out.block(one.column, one.column, one.size, one.size) = one.own.selfadjointView<Eigen::Upper>();
-    for (std::size_t j = 0; j < one.at.size(); ++j) {
-      const int column = columns_[one.at[j]];
-      const auto cross = one.cross.col(static_cast<Eigen::Index>(j));
-      out.block(one.column, column, one.size, 1) = cross;
-      out.block(column, one.column, 1, one.size) = cross.transpose();
-    }
+Eigen::VectorXd CalibrationEquations::step() const {
+  Eigen::VectorXd out(gradient_.size());
+  const Eigen::VectorXd rest =
+      root_.solve(cross_.transpose() * scaled_gradient_ - gradient_(rest_));
+  out(rest_) = rest;
+  const Eigen::VectorXd scaled = -scaled_gradient_ - cross_ * rest;
+  Eigen::Index row = 0;
+  for (std::size_t b = 0; b < eliminated_.size(); ++b) {
+    const int size = eliminated_[b].size();
+    out.segment(eliminated_[b].column, size) = roots_[b].matrixU().solve(scaled.segment(row, size));
+    row += size;
   }
   return out;
 }
 
-bool ArrowEquations::factor(const Eigen::VectorXd& damping) {
-  root_ = rest_;
-  scaled_gradient_ = gradient_;
-  root_.diagonal() += damping(columns_);
-  for (Eliminated& one : shapes_or_tags_) {
-    if (!one.active) continue;
-    one.root = one.own;
-    one.root.diagonal() += damping.segment(one.column, one.size);
-    if (!factorUpper(one.root)) return false;
-    one.scaled_cross = one.cross;
-    divideByTransposed(one.root, one.scaled_cross);
-    one.scaled_gradient = one.gradient;
-    divideByTransposed(one.root, one.scaled_gradient);
-    subtractSquare(one.scaled_cross, one.at, square_, root_);
-    scaled_gradient_(one.at) -= one.scaledCross().transpose() * one.scaled_gradient;
-  }
-  return factorUpper(root_);
+Eigen::MatrixXd CalibrationEquations::reducedInverse() const {
+  return root_.solve(Eigen::MatrixXd::Identity(reduced_.rows(), reduced_.cols()));
 }
 
-Eigen::VectorXd ArrowEquations::step() const {
-  Eigen::VectorXd out = Eigen::VectorXd::Zero(count_);
-  Eigen::VectorXd rest = -scaled_gradient_;
-  solveUpper(root_, rest);
-  out(columns_) = rest;
-  for (const Eliminated& one : shapes_or_tags_) {
-    if (!one.active) continue;
-    Eigen::VectorXd own = -one.scaled_gradient;
-    own.noalias() -= one.scaledCross() * rest(one.at);
-    divideByRootOnly(one.root, own);
-    out.segment(one.column, one.size) = own;
-  }
-  return out;
-}
-
-RowMajor ArrowEquations::reducedInverse() const { return inverseOfUpper(root_); }
-
-double ArrowEquations::inverseTrace(const Eigen::VectorXd& weights, const RowMajor& reduced) const {
-  double trace = 0;
-  for (std::size_t i = 0; i < columns_.size(); ++i) {
-    const auto row = static_cast<Eigen::Index>(i);
-    trace += weights[columns_[i]] * reduced(row, row);
-  }
-  for (const Eliminated& one : shapes_or_tags_) {
-    if (!one.active) continue;
-    RowMajor by_rest = one.scaledCross();
-    divideByRootOnly(one.root, by_rest);
-    const RowMajor own = inverseOfUpper(one.root);
-    const RowMajor own_reduced = reduced(one.at, one.at);
-    const RowMajor spread = by_rest * own_reduced;
-    const Eigen::VectorXd variances = own.diagonal() + spread.cwiseProduct(by_rest).rowwise().sum();
-    trace += variances.dot(weights.segment(one.column, one.size));
+double CalibrationEquations::inverseTrace(const Eigen::VectorXd& weights) const {
+  const Eigen::MatrixXd reduced = reducedInverse();
+  double trace = reduced.diagonal().dot(weights(rest_));
+  const Eigen::MatrixXd spread = cross_ * reduced;
+  Eigen::Index row = 0;
+  for (std::size_t b = 0; b < eliminated_.size(); ++b) {
+    const int size = eliminated_[b].size();
+    const auto cross = cross_.middleRows(row, size);
+    const Eigen::MatrixXd inverse =
+        roots_[b].matrixU().solve(Eigen::MatrixXd::Identity(size, size));
+    const Eigen::MatrixXd variance =
+        Eigen::MatrixXd::Identity(size, size) + spread.middleRows(row, size) * cross.transpose();
+    trace += (inverse * variance * inverse.transpose())
+                 .diagonal()
+                 .dot(weights.segment(eliminated_[b].column, size));
+    row += size;
   }
   return trace;
-}
-
-Eigen::MatrixXd ArrowEquations::reduced() const {
-  RowMajor out = rest_;
-  std::vector<double> square;
-  for (const Eliminated& one : shapes_or_tags_) {
-    if (one.active) subtractSquare(one.scaled_cross, one.at, square, out);
-  }
-  return out.selfadjointView<Eigen::Upper>();
 }
 
 }  // namespace helix_arm::estimation

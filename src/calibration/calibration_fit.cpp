@@ -315,9 +315,10 @@ HeldTest testHeld(const FitParameterInfo& info, const std::vector<ArmCaptures>& 
     const bool is_own = infos[i].name.rfind(info.name, 0) == 0;
     (is_own ? own : others).push_back(i);
   }
-  const ArrowEquations& equations = everything.equations(fit.noise_scale);
-  const Eigen::MatrixXd H = equations.dense(), cross = H(others, own);
-  const Eigen::VectorXd gradient = equations.gradient();
+  const CalibrationEquations& equations = everything.equations(fit.noise_scale);
+  const Eigen::MatrixXd& H = equations.hessian();
+  const Eigen::MatrixXd cross = H(others, own);
+  const Eigen::VectorXd& gradient = equations.gradient();
   const Eigen::LLT<Eigen::MatrixXd> rest(Eigen::MatrixXd(H(others, others)));
   const auto size = static_cast<Eigen::Index>(own.size());
   Eigen::VectorXd deviation(size);

@@ -46,8 +46,8 @@ class TrustRegion {
   double radius_ = kFirstRadius, shrink_ = 2;
 };
 
-bool isFlat(const ArrowEquations& equations) {
-  const Eigen::VectorXd gradient = equations.gradient();
+bool isFlat(const CalibrationEquations& equations) {
+  const Eigen::VectorXd& gradient = equations.gradient();
   return gradient.size() == 0 || gradient.cwiseAbs().maxCoeff() <= kGradientTolerance;
 }
 
@@ -56,7 +56,7 @@ struct DampedStep {
   double expected;  // decrease of the cost; 0 without a step
 };
 
-DampedStep dampedStep(ArrowEquations& equations, const Eigen::VectorXd& damping) {
+DampedStep dampedStep(CalibrationEquations& equations, const Eigen::VectorXd& damping) {
   if (!equations.factor(damping)) return {{}, 0};
   const Eigen::VectorXd step = equations.step();
   return {step, 0.5 * (step.dot(damping.cwiseProduct(step)) - step.dot(equations.gradient()))};
@@ -87,7 +87,7 @@ CalibrationProblem::CalibrationProblem(const std::vector<ArmCaptures>& arms,
       ++place;
     }
   }
-  equations_.emplace(blocks_, terms_,
+  equations_.emplace(blocks_,
                      selection.free_shapes ? ParameterBlock::kShape : ParameterBlock::kTag);
   for (auto* readings : {&here_, &there_}) {
     *readings = std::make_unique<LinearisedReadings>(shared_, kind_, places_, terms_);
@@ -115,7 +115,7 @@ const LinearisedReadings& CalibrationProblem::readings(const Included& included,
   return *here_;
 }
 
-ArrowEquations& CalibrationProblem::equations(double noise_scale, const Included& included) {
+CalibrationEquations& CalibrationProblem::equations(double noise_scale, const Included& included) {
   assemble({noise_scale, included}, readings(included, true), blocks_.numbers());
   return *equations_;
 }
@@ -142,19 +142,19 @@ double CalibrationProblem::cost(const Task& task, const LinearisedReadings& read
 void CalibrationProblem::assemble(const Task& task, const LinearisedReadings& readings,
                                   const Eigen::VectorXd& numbers) {
   const double inverse2 = 1 / (task.noise_scale * task.noise_scale);
-  equations_->clear([&](const auto& block) { return takesPart(block, task.included); });
-  for (std::size_t b = 0; b < blocks_.all().size(); ++b) {
-    const ParameterBlocks::Block& block = blocks_.all()[b];
+  equations_->clear();
+  for (const ParameterBlocks::Block& block : blocks_.all()) {
     if (!takesPart(block, task.included)) continue;
-    equations_->addPrior(b, numbers.segment(block.column, block.size()) - block.mean);
+    equations_->addPrior(block, numbers.segment(block.column, block.size()) - block.mean);
     if (task.held == nullptr || block.kind != ParameterBlock::kStiffness) continue;
     const Eigen::VectorXd moved = (numbers - start_).segment(block.column, block.size());
-    equations_->addDirection(b, *task.held, kHeldDeviation, task.held->dot(moved));
+    equations_->addDirection(block, *task.held, kHeldDeviation, task.held->dot(moved));
   }
   for (std::size_t t = 0; t < terms_.size(); ++t) {
     const double square = inverse2 * readings.square(t);
     if (!task.included(terms_[t].cost->place().capture) || !std::isfinite(square)) continue;
-    equations_->addTerm(t, readings.jacobian(t), inverse2 * terms_[t].weight(square));
+    equations_->addTerm(terms_[t], readings.jacobian(t), readings.residual(t),
+                        inverse2 * terms_[t].weight(square));
   }
 }
 
@@ -167,7 +167,7 @@ Solved CalibrationProblem::solve(double noise_scale, const Included& included,
   if (std::isnan(out.cost)) return out;
   assemble(task, *here_, now);
   out.converged = isFlat(*equations_);
-  const Eigen::ArrayXd unit2 = (1 + equations_->diagonal().array().sqrt()).square();
+  const Eigen::ArrayXd unit2 = (1 + equations_->hessian().diagonal().array().sqrt()).square();
   TrustRegion radius;
   int invalid = 0;
   bool settled = false;  // whether the last step was one, and small
@@ -177,7 +177,7 @@ Solved CalibrationProblem::solve(double noise_scale, const Included& included,
       break;
     }
     settled = false;
-    const Eigen::ArrayXd diagonal = equations_->diagonal().array();
+    const Eigen::ArrayXd diagonal = equations_->hessian().diagonal().array();
     const Eigen::VectorXd damping =
         (diagonal / unit2).max(kLeastDiagonal).min(kMostDiagonal) * unit2 / radius.value();
     const auto [step, expected] = dampedStep(*equations_, damping);
@@ -235,7 +235,7 @@ std::vector<Comparison> CalibrationProblem::compare(double noise_scale, bool err
 }
 
 Eigen::MatrixXd CalibrationProblem::information(double noise_scale, const Included& included) {
-  Eigen::MatrixXd H = equations(noise_scale, included).dense();
+  Eigen::MatrixXd H = equations(noise_scale, included).hessian();
   H.diagonal() -= priorInformation();
   return H;
 }
@@ -248,14 +248,11 @@ Eigen::MatrixXd CalibrationProblem::expectedInformation(const Eigen::VectorXd& p
   const Place place = placeAt(shared_, 0, 0, pressure);
   const CaptureState state = stateAt(shared_, place, kind_, values, true);
   if (!state.shape.found) return H;
-  Eigen::MatrixXd by_pieces;
-  std::vector<double> residual, J;
+  Eigen::MatrixXd by_pieces, J;
+  Eigen::VectorXd residual;
   for (const ReadingTerm& term : expectedTerms(shared_, place, state, blocks_)) {
-    const ReadingCost& cost = *term.cost;
-    residual.resize(static_cast<std::size_t>(cost.residuals()));
-    J.resize(static_cast<std::size_t>(cost.residuals() * cost.stride()));
-    if (!cost.evaluate(state, values, residual.data(), J.data(), by_pieces)) continue;
-    addInformation(term, blocks_, J.data(), 1 / (noise_scale * noise_scale), H);
+    if (!term.cost->evaluate(state, values, residual, &J, by_pieces)) continue;
+    addInformation(term, blocks_, J, 1 / (noise_scale * noise_scale), H);
   }
   return H;
 }

@@ -76,7 +76,7 @@ class CalibrationProblem {
 
   /// Equations of the included readings and of the priors at the current values, until the next
   /// call of any function that is not const.
-  ArrowEquations& equations(double noise_scale, const Included& included = everyCapture);
+  CalibrationEquations& equations(double noise_scale, const Included& included = everyCapture);
   /// Weighted J'J of the included readings, without priors. Requires shapes of the model.
   Eigen::MatrixXd information(double noise_scale, const Included& included);
   /// Likewise for the readings that the arm is expected to give at these pressures.
@@ -121,7 +121,7 @@ class CalibrationProblem {
   ReadingKind kind_;
   std::vector<Place> places_;  // (captures)
   std::vector<ReadingTerm> terms_;
-  std::optional<ArrowEquations> equations_;
+  std::optional<CalibrationEquations> equations_;
   std::unique_ptr<LinearisedReadings> here_, there_;  // there: after a step
   Eigen::VectorXd start_;                             // of a solution
 };

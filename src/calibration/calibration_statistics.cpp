@@ -75,11 +75,10 @@ NoiseScale noiseScaleOf(const std::vector<Comparison>& comparisons, double data_
 // Number of free parameters that the readings determine: the trace of the covariance times their
 // information, which is what the priors do not determine. Nothing if there is no covariance.
 std::optional<double> dataParameters(CalibrationProblem& problem, double noise_scale) {
-  ArrowEquations& equations = problem.equations(noise_scale);
+  CalibrationEquations& equations = problem.equations(noise_scale);
   const Eigen::VectorXd prior = problem.priorInformation();
   if (!equations.factor(Eigen::VectorXd::Zero(prior.size()))) return std::nullopt;
-  return static_cast<double>(prior.size()) -
-         equations.inverseTrace(prior, equations.reducedInverse());
+  return static_cast<double>(prior.size()) - equations.inverseTrace(prior);
 }
 
 // Captures that add less than this fraction of the others' information, or less than an absolute
@@ -159,17 +158,17 @@ std::vector<Eigen::VectorXd> singlesAndPairs(const model::Arm& arm) {
 }  // namespace
 
 Statistics statisticsOf(CalibrationProblem& problem, double noise_scale) {
-  ArrowEquations& equations = problem.equations(noise_scale);
+  CalibrationEquations& equations = problem.equations(noise_scale);
   const auto count = static_cast<Eigen::Index>(problem.parameters().size());
   Statistics out;
   const Eigen::MatrixXd none = Eigen::MatrixXd::Constant(count, count, kNoNumber);
   if (problem.selection().free_shapes) {
     out.determined = equations.factor(Eigen::VectorXd::Zero(problem.priorInformation().size()));
     out.information = out.determined ? equations.reduced() : none;
-    out.covariance = out.determined ? Eigen::MatrixXd(equations.reducedInverse()) : none;
+    out.covariance = out.determined ? equations.reducedInverse() : none;
     return out;
   }
-  out.information = equations.dense();
+  out.information = equations.hessian();
   const Eigen::LLT<Eigen::MatrixXd> root(out.information);
   out.determined = root.info() == Eigen::Success;
   out.covariance =

@@ -1,0 +1,101 @@
+#include <limits>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "calibration/calibration_fit.hpp"
+#include "support/sample_rig.hpp"
+
+namespace helix_arm::estimation {
+namespace {
+
+// Six captures of a helical arm with tags, as corners.
+std::vector<ArmCaptures> rig() {
+  const model::Arm known = test::ringArm(test::helicalRing());
+  const ArmView view = test::sampleView(0.8, 1, 32);
+  test::Random random(2);
+  const test::RigTruth truth =
+      test::drawRig(known, view, {0.2, 0.4, 0.02, 0.01, 0.02, 0.002, 0.05, 0}, random);
+  ArmCaptures data{"rig", known, false, view.layout, view.X_CB, view.camera, {}};
+  for (int c = 0; c < 6; ++c) {
+    const Eigen::VectorXd pressure = test::randomInput(known, random);
+    test::addCapture(data, pressure, test::observe(truth, pressure, 0.3, random));
+  }
+  return {data};
+}
+
+// Tags are eliminated, or the shapes of captures.
+TEST(CalibrationEquations, EliminationGivesWhatTheWholeMatrixDoes) {
+  const std::vector<ArmCaptures> data = rig();
+  for (const bool free_shapes : {false, true}) {
+    CalibrationOptions options;
+    options.base = options.tags = true;
+    options.free_shapes = free_shapes;
+    CalibrationProblem problem(data, options, selectionOf(options));
+    CalibrationEquations& equations = problem.equations(1.0);
+    const Eigen::MatrixXd& H = equations.hessian();
+    const Eigen::VectorXd damping = 1e-3 * H.diagonal();
+    ASSERT_TRUE(equations.factor(damping));
+    const Eigen::MatrixXd inverse = (H + Eigen::MatrixXd(damping.asDiagonal()))
+                                        .llt()
+                                        .solve(Eigen::MatrixXd::Identity(H.rows(), H.cols()));
+    const Eigen::VectorXd step = -inverse * equations.gradient();
+    EXPECT_LT((equations.step() - step).norm(), 1e-8 * step.norm());
+    const Eigen::VectorXd weights = Eigen::VectorXd::LinSpaced(H.rows(), 1, 2);
+    EXPECT_NEAR(equations.inverseTrace(weights) / inverse.diagonal().dot(weights), 1, 1e-8);
+    if (!free_shapes) continue;
+    const Eigen::Index count = equations.reduced().rows();  // shapes come last
+    EXPECT_LT((equations.reducedInverse() - inverse.topLeftCorner(count, count)).norm(),
+              1e-8 * inverse.norm());
+  }
+}
+
+// Statistics of a fit whose equations are not positive definite.
+
+// One stiffness that the arm's captures do not change: it hangs on its prior alone.
+struct Bench {
+  std::vector<ArmCaptures> data;
+  CalibrationOptions options;
+  Selection selection;
+
+  explicit Bench(double prior) {
+    const model::Arm arm = test::ringArm(test::straightRing());
+    data.push_back({"arm", arm, false, {}, {}, {}, {}});
+    // As long as at rest, so that no stiffness bends or shears anything.
+    for (int c = 0; c < 3; ++c) {
+      const Eigen::VectorXd pressure = arm.inputAt(0.2 * c);
+      test::addCapture(data[0], pressure,
+                       TwistReading{arm.twists(pressure), 1e-6 * lie::Matrix6::Identity()});
+    }
+    options.stiffness_prior = prior;
+    selection.stiffness = {StiffnessEntry::kKappa};
+  }
+};
+
+constexpr double kNoPrior = std::numeric_limits<double>::infinity();
+constexpr double kNoInformation = 1e200;  // noise
+
+TEST(CalibrationStatistics, TheCovarianceIsThePriorWhereReadingsTellNothing) {
+  Bench bench(0.5);
+  CalibrationProblem problem(bench.data, bench.options, bench.selection);
+  const Statistics found = statisticsOf(problem, 1.0);
+  EXPECT_TRUE(found.determined);
+  EXPECT_NEAR(found.covariance(0, 0), 0.25, 1e-6);
+}
+
+// Readings so noisy that their information is 0.
+TEST(CalibrationStatistics, WithoutAPriorThereIsNoCovarianceOfWhatReadingsDoNotTell) {
+  for (const bool free_shapes : {false, true}) {
+    Bench bench(free_shapes ? 0.5 : kNoPrior);
+    bench.options.model_prior.translation = bench.options.model_prior.rotation = kNoPrior;
+    bench.selection.free_shapes = free_shapes;
+    CalibrationProblem problem(bench.data, bench.options, bench.selection);
+    const Statistics found = statisticsOf(problem, kNoInformation);
+    EXPECT_FALSE(found.determined);
+    ASSERT_EQ(found.covariance.rows(), free_shapes ? 0 : 1);
+    EXPECT_TRUE(found.covariance.array().isNaN().all());
+  }
+}
+
+}  // namespace
+}  // namespace helix_arm::estimation
