@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <limits>
+#include <map>
+#include <set>
 #include <utility>
 
 namespace helix_arm::estimation {
@@ -55,16 +57,38 @@ void LinearisedReadings::evaluate(int capture, const Values& values, bool deriva
   known_[capture] = derivatives ? kDerivatives : kResiduals;
 }
 
-CalibrationEquations::CalibrationEquations(const ParameterBlocks& blocks, ParameterBlock eliminated)
+CalibrationEquations::CalibrationEquations(const ParameterBlocks& blocks,
+                                           const std::vector<ReadingTerm>& terms,
+                                           ParameterBlock eliminated)
     : blocks_(blocks) {
+  std::map<int, std::set<int>> partners;  // columns of the rest that readings of a block have, too
+  for (const ReadingTerm& term : terms) {
+    const auto kindOf = [&](int b) { return blocks.all()[b].kind; };
+    const auto own = std::find_if(term.blocks.begin(), term.blocks.end(),
+                                  [&](int b) { return kindOf(b) == eliminated; });
+    for (const int b : term.blocks) {
+      if (own == term.blocks.end() || b == *own) continue;
+      const ParameterBlocks::Block& other = blocks.all()[b];
+      for (int i = 0; i < other.size(); ++i) {
+        partners[blocks.all()[*own].column].insert(other.column + i);
+      }
+    }
+  }
   for (const ParameterBlocks::Block& block : blocks.all()) {
-    const bool first = block.kind == eliminated;
-    if (first) eliminated_.push_back(block);
-    for (int i = 0; i < block.size(); ++i) (first ? first_ : rest_).push_back(block.column + i);
+    if (block.kind == eliminated) {
+      eliminated_.push_back({block.column, block.size(), {}, {}, {}, {}});
+      continue;
+    }
+    for (int i = 0; i < block.size(); ++i) rest_.push_back(block.column + i);
+  }
+  for (Eliminated& one : eliminated_) {
+    for (const int column : partners[one.column]) {
+      const auto place = std::lower_bound(rest_.begin(), rest_.end(), column);
+      one.at.push_back(static_cast<int>(place - rest_.begin()));
+    }
   }
   H_.resize(blocks.columns(), blocks.columns());
   gradient_.resize(blocks.columns());
-  roots_.resize(eliminated_.size());
 }
 
 void CalibrationEquations::addPrior(const ParameterBlocks::Block& block,
@@ -96,23 +120,23 @@ void CalibrationEquations::addTerm(const ReadingTerm& term, const Eigen::MatrixX
 }
 
 bool CalibrationEquations::factor(const Eigen::VectorXd& damping) {
-  cross_ = H_(first_, rest_);
-  scaled_gradient_ = gradient_(first_);
-  Eigen::Index row = 0;
-  for (std::size_t b = 0; b < eliminated_.size(); ++b) {
-    const int column = eliminated_[b].column, size = eliminated_[b].size();
-    Eigen::MatrixXd own = H_.block(column, column, size, size);
-    own.diagonal() += damping.segment(column, size);
-    if (roots_[b].compute(own).info() != Eigen::Success) return false;
-    auto cross = cross_.middleRows(row, size);
-    auto gradient = scaled_gradient_.segment(row, size);
-    roots_[b].matrixL().solveInPlace(cross);
-    roots_[b].matrixL().solveInPlace(gradient);
-    row += size;
-  }
   reduced_ = H_(rest_, rest_);
   reduced_.diagonal() += damping(rest_);
-  reduced_.selfadjointView<Eigen::Lower>().rankUpdate(cross_.transpose(), -1);
+  reduced_gradient_ = gradient_(rest_);
+  for (Eliminated& one : eliminated_) {
+    const auto columns = H_.middleCols(one.column, one.size);
+    Eigen::MatrixXd own = columns.middleRows(one.column, one.size);
+    own.diagonal() += damping.segment(one.column, one.size);
+    if (one.root.compute(own).info() != Eigen::Success) return false;
+    one.cross.resize(one.size, static_cast<Eigen::Index>(one.at.size()));
+    Eigen::Index column = 0;
+    for (const int i : one.at) one.cross.col(column++) = columns.row(rest_[i]);
+    one.root.matrixL().solveInPlace(one.cross);
+    one.gradient = one.root.matrixL().solve(gradient_.segment(one.column, one.size));
+    const Eigen::MatrixXd square = one.cross.transpose() * one.cross;
+    reduced_(one.at, one.at) -= square;
+    reduced_gradient_(one.at) -= one.cross.transpose() * one.gradient;
+  }
   // Eigen calls NaN a success.
   return root_.compute(reduced_).info() == Eigen::Success &&
          root_.matrixLLT().diagonal().allFinite();
@@ -120,15 +144,11 @@ bool CalibrationEquations::factor(const Eigen::VectorXd& damping) {
 
 Eigen::VectorXd CalibrationEquations::step() const {
   Eigen::VectorXd out(gradient_.size());
-  const Eigen::VectorXd rest =
-      root_.solve(cross_.transpose() * scaled_gradient_ - gradient_(rest_));
+  const Eigen::VectorXd rest = root_.solve(-reduced_gradient_);
   out(rest_) = rest;
-  const Eigen::VectorXd scaled = -scaled_gradient_ - cross_ * rest;
-  Eigen::Index row = 0;
-  for (std::size_t b = 0; b < eliminated_.size(); ++b) {
-    const int size = eliminated_[b].size();
-    out.segment(eliminated_[b].column, size) = roots_[b].matrixU().solve(scaled.segment(row, size));
-    row += size;
+  for (const Eliminated& one : eliminated_) {
+    const Eigen::VectorXd scaled = -one.gradient - one.cross * rest(one.at);
+    out.segment(one.column, one.size) = one.root.matrixU().solve(scaled);
   }
   return out;
 }
@@ -140,19 +160,14 @@ Eigen::MatrixXd CalibrationEquations::reducedInverse() const {
 double CalibrationEquations::inverseTrace(const Eigen::VectorXd& weights) const {
   const Eigen::MatrixXd reduced = reducedInverse();
   double trace = reduced.diagonal().dot(weights(rest_));
-  const Eigen::MatrixXd spread = cross_ * reduced;
-  Eigen::Index row = 0;
-  for (std::size_t b = 0; b < eliminated_.size(); ++b) {
-    const int size = eliminated_[b].size();
-    const auto cross = cross_.middleRows(row, size);
-    const Eigen::MatrixXd inverse =
-        roots_[b].matrixU().solve(Eigen::MatrixXd::Identity(size, size));
-    const Eigen::MatrixXd variance =
-        Eigen::MatrixXd::Identity(size, size) + spread.middleRows(row, size) * cross.transpose();
+  for (const Eliminated& one : eliminated_) {
+    const Eigen::MatrixXd unit = Eigen::MatrixXd::Identity(one.size, one.size);
+    const Eigen::MatrixXd inverse = one.root.matrixU().solve(unit);
+    const Eigen::MatrixXd own_reduced = reduced(one.at, one.at);
+    const Eigen::MatrixXd variance = unit + one.cross * own_reduced * one.cross.transpose();
     trace += (inverse * variance * inverse.transpose())
                  .diagonal()
-                 .dot(weights.segment(eliminated_[b].column, size));
-    row += size;
+                 .dot(weights.segment(one.column, one.size));
   }
   return trace;
 }

@@ -64,7 +64,8 @@ class LinearisedReadings {
 /// columns is factored as a whole.
 class CalibrationEquations {
  public:
-  CalibrationEquations(const ParameterBlocks& blocks, ParameterBlock eliminated);
+  CalibrationEquations(const ParameterBlocks& blocks, const std::vector<ReadingTerm>& terms,
+                       ParameterBlock eliminated);
 
   /// Starts anew.
   void clear() {
@@ -91,23 +92,29 @@ class CalibrationEquations {
   /// Solution of (H + diag(damping)) x = -g.
   Eigen::VectorXd step() const;
   /// The Schur complement, in the order of the columns that are not eliminated, and its inverse.
-  Eigen::MatrixXd reduced() const { return reduced_.selfadjointView<Eigen::Lower>(); }
+  const Eigen::MatrixXd& reduced() const { return reduced_; }
   Eigen::MatrixXd reducedInverse() const;
   /// Trace of (H + diag(damping))^-1 diag(weights).
   double inverseTrace(const Eigen::VectorXd& weights) const;
 
  private:
   using Cholesky = Eigen::LLT<Eigen::MatrixXd>;
+  // A block with its factors: own + damping = L L', L^-1 H(block, at), L^-1 g(block).
+  struct Eliminated {
+    int column, size;
+    std::vector<int> at;  // indices in the rest of the columns that its readings have, too
+    Cholesky root;
+    Eigen::MatrixXd cross;
+    Eigen::VectorXd gradient;
+  };
 
   const ParameterBlocks& blocks_;
-  std::vector<ParameterBlocks::Block> eliminated_;
-  std::vector<int> first_, rest_;  // columns that are eliminated, and those that are not
+  std::vector<Eliminated> eliminated_;
+  std::vector<int> rest_;  // columns that are not eliminated
   Eigen::MatrixXd H_;
   Eigen::VectorXd gradient_;
-  // Factors: own + damping = L L' of each eliminated block, L^-1 H(first, rest), L^-1 g(first).
-  std::vector<Cholesky> roots_;
-  Eigen::MatrixXd cross_, reduced_;
-  Eigen::VectorXd scaled_gradient_;
+  Eigen::MatrixXd reduced_;
+  Eigen::VectorXd reduced_gradient_;
   Cholesky root_;
 };
 

@@ -87,7 +87,7 @@ CalibrationProblem::CalibrationProblem(const std::vector<ArmCaptures>& arms,
       ++place;
     }
   }
-  equations_.emplace(blocks_,
+  equations_.emplace(blocks_, terms_,
                      selection.free_shapes ? ParameterBlock::kShape : ParameterBlock::kTag);
   for (auto* readings : {&here_, &there_}) {
     *readings = std::make_unique<LinearisedReadings>(shared_, kind_, places_, terms_);

@@ -379,7 +379,7 @@ std::vector<ReadingTerm> expectedTerms(const Shared& shared, const Place& place,
 
 void addInformation(const ReadingTerm& term, const ParameterBlocks& blocks,
                     const Eigen::MatrixXd& J, double weight, Eigen::MatrixXd& H) {
-  const Eigen::MatrixXd square = weight * J.transpose().lazyProduct(J);
+  const Eigen::MatrixXd square = weight * J.transpose() * J;
   int i = 0;
   for (const int row : term.blocks) {
     const ParameterBlocks::Block& a = blocks.all()[row];
