@@ -131,7 +131,6 @@ class Workspace(Result):
     moved_per_percent_stiffness_m: Optional[np.ndarray]  #: (points,) for 1 % in every entry of the stiffness [m]
     extreme_pressures_pa: Optional[np.ndarray]  #: (7, n) of the farthest tips along -x, -y, -z, x, y, z and from the base
     extreme_tips: Optional[np.ndarray]  #: (7, 3) those tips [m]
-    extreme_bounds_m: Optional[np.ndarray]  #: (7,) no tip is farther along them; inf under load or with a taper
 
 
 @dataclasses.dataclass(frozen=True)

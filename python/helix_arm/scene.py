@@ -183,7 +183,7 @@ class Scene(_core.Scene):
                                                        arguments.flag(extremes, "extremes"), arguments.threads(threads))
         pressures, tips, moved = [np.concatenate(part) for part in zip(*pieces)]
         by_error = moved.T.copy() if sensitivity else [None] * 3
-        return results.Workspace(pressures, tips, unbalanced, *by_error, *(farthest or [None] * 3))
+        return results.Workspace(pressures, tips, unbalanced, *by_error, *(farthest or [None] * 2))
 
     def fit(self, captures: Data) -> results.Fit:
         """Measured tags to one shape per capture.

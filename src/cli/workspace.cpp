@@ -322,7 +322,6 @@ json reportOf(const io::Scene& scene, const statics::TierSetting& setting,
   const auto bounds = [](const Eigen::AlignedBox3d& box) {
     return json{{"min", toJson(box.min())}, {"max", toJson(box.max())}};
   };
-  const bool bounded = some && std::isfinite(summary.extremes.reachBound());
   json document{{"scene", scene.name},
                 {"tier", statics::nameOf(setting.tier)},
                 {"order", setting.order > 0 ? json(setting.order) : json()},
@@ -334,9 +333,7 @@ json reportOf(const io::Scene& scene, const statics::TierSetting& setting,
                 {"points_per_second", static_cast<double>(summary.inputs) / summary.seconds},
                 {"bounds_m", some ? bounds(summary.extremes.bounds()) : json()},
                 {"reach_m", some ? json(summary.extremes.reach()) : json()},
-                {"outer_bounds_m", bounded ? bounds(summary.extremes.outerBounds()) : json()},
-                {"reach_bound_m", bounded ? json(summary.extremes.reachBound()) : json()},
-                {"reach_certified", summary.extremes.certified()},
+                {"resolution_m", some ? json(summary.extremes.beyond(summary.sampled)) : json()},
                 {"sampled_bounds_m", some ? bounds(summary.sampled.bounds()) : json()},
                 {"sampled_reach_m", some ? json(summary.sampled.reach()) : json()},
                 {"out", some ? textOrNull(arguments.out) : json()},
@@ -370,8 +367,7 @@ CsvTable csvTable(const json& report) {
     }
   }
   addExtremes("sampled_");
-  row.push_back(cellsOf(report, {"reach_bound_m"}).front());
-  row.emplace_back("reach_certified", report["reach_certified"].get<bool>() ? "true" : "false");
+  row.push_back(cellsOf(report, {"resolution_m"}).front());
   return row;
 }
 
@@ -392,9 +388,6 @@ json shownOf(const io::Scene& scene, const statics::TierSetting& setting, json r
   report["sensitivity"] = table;
   const std::string note = noteOnResponse(scene.arm);
   if (!note.empty()) report["notes"].push_back(note);
-  if (report["reach_bound_m"].is_null() && !report["reach_m"].is_null()) {
-    report["notes"].push_back("tips may reach farther: no bound is known under load or a taper");
-  }
   return report;
 }
 
@@ -498,11 +491,10 @@ Subcommand addWorkspace(CLI::App& app) {
             CLI::Range(0, kMostThreads), kShowDefault);
   addTierOptions(*command, arguments->tier);
   command->footer(
-      R"(bounds_m and reach_m are the largest values of a search from the sampled points and from
-corners of the limits (1024, under load 128, exact tier 8) to local maxima: each is a
-tip position of the arm. outer_bounds_m and reach_bound_m: no tip is beyond them, proven
-by branch and bound; null under load and with a taper. reach_certified: whether
-reach_bound_m is at most 0.1 % above reach_m. sampled_*: of the sampled points alone.
+      R"(bounds_m and reach_m are the largest values of a search from the farthest of the sampled
+points and of corners of the limits (1024, under load 128, exact tier 8): each is a tip
+position of the arm. sampled_*: of the sampled points alone. resolution_m: largest
+distance from these to what the search found, by which the points may miss the border.
 Sensitivity: tip displacement [m] for an error of 1 kPa in every pressure (per_kpa_m),
 of 1 mm in every free length (per_mm_m), of 1 % in every entry of the stiffness, under
 load also K_eps (per_percent_K_m).
@@ -510,9 +502,8 @@ The errors are independent: roots of sums of squares. Not for arms with tendons.
 json: scene, tier, order, seed, count (inputs), unbalanced (inputs omitted because no
 shape balances the load there or, with --sensitivity, with 1 % more stiffness), failure
 (null if there are points), seconds, points_per_second, bounds_m {min, max}, reach_m
-(largest distance from the base), outer_bounds_m, reach_bound_m, reach_certified,
-sampled_bounds_m, sampled_reach_m, out, png,
-sensitivity (null, or for each {median, max}; medians and maps are of the first 2
+(largest distance from the base), sampled_bounds_m, sampled_reach_m, resolution_m, out,
+png, sensitivity (null, or for each {median, max}; medians and maps are of the first 2
 million points). csv: one row of the same. Progress is printed on stderr.
 A file appears only when it is complete. Ctrl-C: nothing is written, exit code 130. Exit
 code 1 if no input balances the load.)");

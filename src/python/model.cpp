@@ -159,7 +159,7 @@ py::tuple jacobian(const Scene& scene, const py::handle& pressures, const std::a
 
 // @return the points in pieces: pressures, tips and sensitivities; how many are left out;
 // pressures,
-//     tips and bounds of the extremes, if they are wanted and there are any.
+//     and tips of the extremes, if they are wanted and there are any.
 py::tuple workspace(const Scene& scene, std::size_t count, std::uint64_t seed, bool sensitivity,
                     bool extremes, std::size_t threads) {
   std::vector<statics::WorkspacePoints> pieces;
@@ -190,14 +190,11 @@ py::tuple workspace(const Scene& scene, std::size_t count, std::uint64_t seed, b
   if (farthest.empty()) return py::make_tuple(points, unbalanced, py::none());
   constexpr int kCount = statics::WorkspaceExtremes::kCount;
   Eigen::MatrixXd inputs(kCount, scene.arm().actuatorCount()), tips(kCount, 3);
-  Eigen::VectorXd bounds(kCount);
   for (int i = 0; i < kCount; ++i) {
     inputs.row(i) = farthest.of(i).input;
     tips.row(i) = farthest.of(i).tip;
-    bounds[i] = farthest.boundOf(i);
   }
-  return py::make_tuple(points, unbalanced,
-                        py::make_tuple(arrayOf(inputs), arrayOf(tips), arrayOf(bounds)));
+  return py::make_tuple(points, unbalanced, py::make_tuple(arrayOf(inputs), arrayOf(tips)));
 }
 
 constexpr Piece kInversePiece{256, 16};

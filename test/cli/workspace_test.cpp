@@ -116,21 +116,16 @@ TEST(Workspace, TheCsvHoldsInputsAndTheTipsThatTheyLeadTo) {
   }
 }
 
-TEST(Workspace, TheReachIsCertifiedExceptUnderLoad) {
-  const nlohmann::json straight = workspace(scenePath("spatial_50"), {"--count", "300"}).json();
-  const double reach = straight["reach_m"];
-  EXPECT_EQ(straight["reach_certified"], true);
-  EXPECT_GE(straight["reach_bound_m"].get<double>(), reach);
-  EXPECT_GE(straight["outer_bounds_m"]["max"][0].get<double>(), reach);
-  const std::vector<std::string> options{"--count", "50", "--tier", "loaded"};
-  const nlohmann::json result = workspace(scenePath("loaded"), options).json();
-  EXPECT_GT(result["reach_m"].get<double>(), 0);
-  EXPECT_EQ(result["reach_certified"], false);
-  EXPECT_TRUE(result["reach_bound_m"].is_null());
-  EXPECT_TRUE(result["outer_bounds_m"].is_null());
-  const Outcome text =
-      runCommand({"workspace", scenePath("loaded"), "--count", "50", "--tier", "loaded"});
-  EXPECT_TRUE(has(text.out, "tips may reach farther"));
+TEST(Workspace, TheResolutionIsWhatTheSamplesMissOfTheFarthestTips) {
+  const auto misses = [](const char* count) {
+    const nlohmann::json result =
+        workspace(scenePath("spatial_50"), {"--count", count, "--tier", "linear"}).json();
+    const double resolution = result["resolution_m"];
+    EXPECT_GE(resolution + 1e-12,
+              result["reach_m"].get<double>() - result["sampled_reach_m"].get<double>());
+    return resolution;
+  };
+  EXPECT_GT(misses("100"), 2 * misses("100000"));
 }
 
 TEST(Workspace, ThePlyHoldsTheSamePointsAsTheCsv) {

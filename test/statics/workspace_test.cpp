@@ -302,9 +302,8 @@ struct RandomCase {
   bool equal;
 };
 
-TEST(WorkspaceExtremes, NoRandomSearchFindsATipBeyondTheBoundOrBeyondACertifiedReach) {
+TEST(WorkspaceExtremes, NoRandomSearchFindsATipFarBeyondThem) {
   test::Random random(107);
-  int certified = 0, cases = 0;
   for (const RandomCase& one : {RandomCase{{3}, true},
                                 {{6}, false},
                                 {{14}, true},
@@ -320,25 +319,18 @@ TEST(WorkspaceExtremes, NoRandomSearchFindsATipBeyondTheBoundOrBeyondACertifiedR
     const WorkspaceExtremes sampled = sampledExtremes(model, 5000);
     const WorkspaceExtremes found = findExtremes(model, sampled);
     expectTrue(model, sampled, found);
-    ++cases;
-    certified += found.certified() ? 1 : 0;
-    // One section has at most six independent twists, however many its muscles.
-    EXPECT_TRUE(found.certified() || one.muscles.size() > 1);
-    EXPECT_TRUE(std::isfinite(found.reachBound()));
     for (int which = 0; which < WorkspaceExtremes::kCount; ++which) {
       const double extent = WorkspaceExtremes::extent(which, found.of(which).tip);
       const double other = farthest(model, which, test::draws(6, 40), 1e-4, random);
-      EXPECT_LE(extent, found.boundOf(which));
-      EXPECT_LE(other, found.boundOf(which));
-      EXPECT_LE(other, extent + 1e-3 * found.reach()) << which << " of case " << cases;
-      EXPECT_TRUE(found.outerBounds().contains(found.of(which).tip));
+      EXPECT_LE(other, extent + 1e-3 * found.reach())
+          << which << " of " << one.muscles.size() << " sections of " << one.muscles.front();
+      EXPECT_LE(extent - WorkspaceExtremes::extent(which, sampled.of(which).tip),
+                found.beyond(sampled));
     }
   }
-  EXPECT_GE(certified, 6) << "of " << cases;
-  EXPECT_LT(certified, cases);  // the others say so
 }
 
-TEST(WorkspaceExtremes, UnderLoadNoRandomSearchFindsMuchMoreAndNothingIsCertified) {
+TEST(WorkspaceExtremes, UnderLoadNoRandomSearchFindsMuchMore) {
   test::Random random(108);
   for (const RandomCase& one :
        {RandomCase{{14}, false}, {{3, 3}, true}, {{5, 5, 4}, true}, {{5, 5, 4}, true}}) {
@@ -348,8 +340,6 @@ TEST(WorkspaceExtremes, UnderLoadNoRandomSearchFindsMuchMoreAndNothingIsCertifie
     const WorkspaceExtremes sampled = sampledExtremes(model, 500);
     const WorkspaceExtremes found = findExtremes(model, sampled);
     expectTrue(model, sampled, found);
-    EXPECT_FALSE(found.certified());
-    EXPECT_EQ(found.reachBound(), std::numeric_limits<double>::infinity());
     for (int which = 0; which < WorkspaceExtremes::kCount; ++which) {
       const double extent = WorkspaceExtremes::extent(which, found.of(which).tip);
       EXPECT_LE(farthest(model, which, test::draws(1, 4), 1e-2, random),
@@ -378,6 +368,7 @@ TEST(WorkspaceExtremes, OfNothingThereIsNoBox) {
   EXPECT_TRUE(none.empty());
   EXPECT_TRUE(none.bounds().isEmpty());
   EXPECT_EQ(none.reach(), 0.0);
+  EXPECT_EQ(none.beyond(none), 0.0);
 }
 
 }  // namespace

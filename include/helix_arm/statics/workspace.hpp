@@ -4,7 +4,6 @@
 #include <Eigen/Geometry>
 #include <array>
 #include <cstdint>
-#include <limits>
 #include <vector>
 
 #include "helix_arm/statics/arm_model.hpp"
@@ -72,8 +71,6 @@ class WorkspaceExtremes {
  public:
   /// -x, -y, -z, +x, +y, +z, and the distance from the base.
   static constexpr int kCount = 7;
-  /// Largest gap of a certified reach to its bound, relative to the reach.
-  static constexpr double kCertified = 1e-3;
 
   /// Inputs (n) [Pa or rad] of an extreme, and its tip, base frame [m].
   struct Extreme {
@@ -94,40 +91,22 @@ class WorkspaceExtremes {
   /// Largest distance of a tip from the base [m]; 0 if there are none.
   double reach() const;
 
-  /// Proves that no input exceeds extreme `which` beyond this extent [m].
-  void bound(int which, double extent) { bounds_[which] = extent; }
-  /// Proven upper bound of extreme `which` [m]; infinite if nothing is proven.
-  double boundOf(int which) const { return bounds_[which]; }
-  /// Box that contains every tip within the limits; unbounded where nothing is proven.
-  Eigen::AlignedBox3d outerBounds() const;
-  /// No tip within the limits is farther from the base [m]; infinite if nothing is proven.
-  double reachBound() const { return bounds_[6]; }
-  /// Whether reach() is proven to be the largest distance within kCertified.
-  bool certified() const { return !empty_ && reachBound() <= (1 + kCertified) * reach(); }
+  /// Resolution of sampled extremes: largest distance by which these are beyond them [m].
+  double beyond(const WorkspaceExtremes& sampled) const;
 
   /// Quantity of a tip that extreme `which` maximises [m].
   static double extent(int which, const Eigen::Vector3d& tip);
 
  private:
-  using Extents = Eigen::Matrix<double, kCount, 1>;
-
   std::array<Extreme, kCount> found_;
-  Extents bounds_ = Extents::Constant(std::numeric_limits<double>::infinity());
   bool empty_ = true;
 };
 
-/// Extremes of an arm within the limits of its inputs, from below and, without load, from above.
-///
-/// From below: a search starts at the given extremes, at corners of the limits and between them,
-/// and climbs to local maxima with the tier's derivatives (BFGS in the free lengths). Each extreme
-/// is a tip that the model reaches at its inputs. The search uses all corners or, if they are many,
-/// a selection that includes the lowest and the highest inputs: up to 1024 without load, 128 under
-/// load, 8 with the exact tier.
-///
-/// From above: for arms without load and taper, branch and bound over the twists of the sections
-/// proves an upper bound of each extreme. It ends at a gap of kCertified of the reach, or after
-/// 4000 boxes per extreme: for arms of several sections with many independent twists, the gap may
-/// stay larger.
+/// Extremes of an arm within the limits of its inputs: a search starts at the farthest of sampled
+/// tips and of corners of the limits, and moves one input at a time. Each extreme is a tip that the
+/// model reaches at its inputs; nothing proves that there is none beyond it. The search uses all
+/// corners or, if they are many, a selection that includes the lowest and the highest inputs: up to
+/// 1024 without load, 128 under load, 8 with the exact tier.
 ///
 /// @param sampled  extremes of sampled points of the same model; may be empty.
 WorkspaceExtremes findExtremes(const ArmModel& model, WorkspaceExtremes sampled);
