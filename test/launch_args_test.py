@@ -10,16 +10,10 @@ Exit code: 0 when nothing is wrong; 1 with every fault as file: argument: fault.
 import argparse
 import re
 import sys
-import tempfile
 import xml.etree.ElementTree
 from pathlib import Path
 
 from roslaunch.arg_dump import get_args
-
-PLANTED = '<launch><arg name="empty" default="" doc="d"/><arg name="bare" default="1"/><arg name="value" value=""/>' \
-    '<arg name="elsewhere" default="1" doc="of the left arm, as in other.launch"/>' \
-    '<arg name="here" default="1" doc="as false, but starts other.launch"/>' \
-    '<node pkg="helix_arm" type="vision" name="vision"/></launch>'
 
 
 def faults_of(path):
@@ -44,13 +38,6 @@ def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("--root", required=True, type=Path)
     root = parser.parse_args().root
-    with tempfile.NamedTemporaryFile("w", suffix=".launch") as planted:
-        planted.write(PLANTED)
-        planted.flush()
-        found = faults_of(Path(planted.name))
-    if len(found) != 5:
-        print("planted faults were not found: %s" % found)
-        return 1
     files = sorted((root / "launch").glob("*.launch"))
     if len(files) < 5:
         print("only %d launch files below %s" % (len(files), root))

@@ -24,12 +24,6 @@ TEST(Quote, ShortPrintableTextStaysAsItIs) {
   EXPECT_EQ(quoted(std::string(64, 'a')), std::string(64, 'a'));
 }
 
-TEST(Quote, LongTextIsCut) {
-  EXPECT_EQ(quoted(std::string(65, 'a')), std::string(64, 'a') + "...");
-  EXPECT_EQ(quoted(std::string(2'000'000, 'a')), std::string(64, 'a') + "...");
-  EXPECT_EQ(quoted("abcdef", 3), "abc...");
-}
-
 TEST(Quote, EveryByteThatATerminalCouldTakeAmissBecomesAQuestionMark) {
   for (int byte = 0; byte < 256; ++byte) {
     const char c = static_cast<char>(byte);
@@ -136,12 +130,6 @@ TEST(RegularFile, TheLimitIsKeptFromBothSidesAndNamed) {
   EXPECT_EQ(largerThan(16ULL << 30U), "is larger than 16 GiB");
 }
 
-// Regular files that do not know their size.
-TEST(RegularFile, AFileOfTheSystemIsReadToItsEndOrLimit) {
-  EXPECT_EQ(faultOf("/proc/self/status", 1U << 16U), "read");
-  EXPECT_EQ(faultOf("/proc/self/status", 10), "is larger than 10 bytes");
-}
-
 // Each of them would block who opens it, or have no end.
 TEST(RegularFile, OtherThanRegularFilesAreRefusedWithoutWaiting) {
   const TemporaryFolder folder;
@@ -163,16 +151,6 @@ TEST(RegularFile, OtherThanRegularFilesAreRefusedWithoutWaiting) {
   EXPECT_EQ(faultOf(folder / "nothing"), "cannot be read: No such file or directory");
   EXPECT_EQ(faultOf(""), "cannot be read: No such file or directory");
   ::close(listener);
-}
-
-TEST(RegularFile, KnowsThatSomebodyWroteToIt) {
-  const TemporaryFolder folder;
-  write(folder / "a", "one");
-  RegularFile file(folder / "a");
-  EXPECT_EQ(file.readAll(kMost), "one");
-  EXPECT_TRUE(file.isUnchanged());
-  write(folder / "a", "two");
-  EXPECT_FALSE(file.isUnchanged());
 }
 
 }  // namespace

@@ -172,32 +172,5 @@ TEST(CalibrateResponse, AReleaseGivesTheModeAndAnArmThatDoesNotRingGivesNone) {
   EXPECT_FALSE(std::ifstream(none)) << "a scene without a mode";
 }
 
-TEST(CalibrateResponse, DataThatCannotTellAreRefused) {
-  const TemporaryFile lengths(freeLengths()), tips(tipSeries(1));
-  const TemporaryFile timed("time_s,pressure_kpa,length_m\n0,0,0.44\n1,10,0.43\n");
-  const TemporaryFile curvature("pressure_1_kpa,curvature_rad\n0,0\n100,0.2\n200,0.4\n");
-  const std::string scene = scenePath("planar_76");
-  const auto reason = [&](const std::vector<std::string>& data,
-                          const std::vector<std::string>& more) {
-    const Outcome outcome = calibrate(scene, data, more);
-    EXPECT_EQ(outcome.exit_code, 1) << outcome.out;
-    return outcome.json()["reason"].get<std::string>();
-  };
-  const auto expect = [](const std::string& text, const std::string& part) {
-    EXPECT_NE(text.find(part), std::string::npos) << text;
-  };
-  expect(reason({curvature.path()}, {"--fit", "response"}), "readings in the order taken");
-  expect(reason({lengths.path(), tips.path()}, {"--fit", "response"}), "expected one of them");
-  expect(reason({lengths.path()}, {"--fit", "contraction,response", "--branch", "rising"}),
-         "expected both of them");
-  expect(reason({tips.path(), curvature.path()}, {"--fit", "stiffness"}), "no response is fitted");
-  expect(reason({timed.path()}, {"--fit", "response"}), "the data hold 2 readings");
-  const Outcome mixed = calibrate(scene, {lengths.path(), timed.path()}, {"--fit", "response"});
-  EXPECT_EQ(mixed.exit_code, 2);
-  expect(mixed.err, "expected times in all of them or none");
-  const TemporaryFile back("time_s,pressure_kpa,length_m\n1,0,0.44\n0,10,0.43\n");
-  expect(calibrate(scene, {back.path()}, {"--fit", "response"}).err, "time_s goes back");
-}
-
 }  // namespace
 }  // namespace helix_arm::test

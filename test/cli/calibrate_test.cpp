@@ -169,47 +169,6 @@ TEST(Calibrate, FreeLengthsReplaceTheCurve) {
   }
 }
 
-void expectRefused(const Outcome& outcome, const std::string& word) {
-  EXPECT_EQ(outcome.exit_code, 1) << outcome.err;
-  EXPECT_TRUE(has(outcome.json()["reason"], word));
-}
-
-TEST(Calibrate, SaysWhyThereIsNothingToWrite) {
-  const TemporaryFolder folder;
-  const std::string out = folder / "calibrated.yaml";
-  std::ofstream(out) << "old";
-  const auto expectKept = [&](const std::string& csv, const std::string& word,
-                              const std::string& fit = "stiffness") {
-    const TemporaryFile data(csv);
-    const Outcome outcome =
-        calibrate(scenePath("spatial_50"), {data.path()}, {"--out", out, "--fit", fit});
-    expectRefused(outcome, word);
-    EXPECT_TRUE(outcome.json()["out"].is_null());
-    EXPECT_EQ(contentOf(out), "old");
-  };
-  expectKept("pressure_1_kpa,curvature_rad\n100,0.5\n100,0.51\n", "all captures were taken at");
-  expectKept("pressure_1_kpa,curvature_rad\n0,0.01\n100,0.3\n", "need captures of tags",
-             "placement");
-  expectKept("pressure_kpa,length_m\n100,0.4\n100,0.39\n", "pressures", "contraction");
-  expectKept("pressure_1_kpa,curvature_rad\n0,0.01\n100,0.3\n", "bend the arm farther", "K_gamma");
-}
-
-TEST(Calibrate, DataCountsOnceAndEachArmHasSome) {
-  const TemporaryFile data(curvatures(scenePath("spatial_50"), 2.1e-4, 3));
-  const TemporaryFile lengths("pressure_kpa,length_m\n0,0.42\n200,0.37\n413.6856,0.334\n");
-  expectRefused(calibrate(scenePath("spatial_50"), {data.path(), data.path()}),
-                "has the same content as");
-  const std::string other = scenePath("spatial_50") + "," + data.path();
-  expectRefused(calibrate(scenePath("spatial_50"), {data.path()}, {"--also", other}),
-                "has the same content as");
-  expectRefused(calibrate(scenePath("spatial_50"), {lengths.path()},
-                          {"--fit", "contraction,stiffness", "--curve", "table", "--also", other}),
-                "no capture of spatial_50");
-  expectRefused(calibrate(scenePath("spatial_50"), {data.path()},
-                          {"--also", scenePath("spatial_50") + "," + lengths.path()}),
-                "free lengths");
-}
-
 // The measurements behind the paper, read where they are.
 class CalibrateMeasured : public ::testing::Test {
  protected:
@@ -312,18 +271,6 @@ TEST_F(CalibrateMeasured, TheCurveOfOneWidthCarriesOverToOthers) {
     EXPECT_LE(rms(width, data), most) << data;
     std::printf("%s, predicted: %.4f rad RMS\n", data, rms(width, data));
   }
-}
-
-TEST_F(CalibrateMeasured, ACurveThatDescribesTheArmIsNotTaken) {
-  const std::vector<std::string> data{measured("free_contraction_fig3.csv"),
-                                      measured("spatial_50_curvature.csv")};
-  const json curve = calibrated(scenePath("spatial_50"), data,
-                                {"--fit", "contraction,stiffness", "--force"})["contractions"][0];
-  const json in_arm = curve["in_arm"];
-  EXPECT_EQ(in_arm["taken"], false);
-  EXPECT_TRUE(has(in_arm["reason"], "the arm, not the muscle"));
-  EXPECT_LT(curve["rms_m"].get<double>(), 0.7e-3);
-  std::printf("spatial_50: %s\n", in_arm["reason"].get<std::string>().c_str());
 }
 
 }  // namespace

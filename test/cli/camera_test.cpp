@@ -123,15 +123,6 @@ TEST(CameraCalibrate, ACharucoBoardOfALabIsReadAsTheOptionsSay) {
   EXPECT_EQ(black.exit_code, 1);
 }
 
-TEST(CameraCalibrate, OfABoardThatIsNotFoundItSaysWhatIsSeen) {
-  const json result = resultOf({"camera", "calibrate", "--board", "charuco", "--source",
-                                board().path() + "/picture_0001.jpg"},
-                               1);
-  EXPECT_TRUE(has(result["reason"],
-                  "0 of 1 pictures show 8 inner chessboard corners of the board or more; expected "
-                  "5: a picture shows at most 0 markers of DICT_4X4_50: give the board's"));
-}
-
 TEST(CameraCalibrate, WritesTheIntrinsicsIntoAScene) {
   const std::string out = board() / "scene.yaml";
   const json result = resultOf({"camera", "calibrate", "--source", board().path(), "--scene",
@@ -253,56 +244,6 @@ TEST(CameraPlace, NamesTheUsualMistakeAndWritesNothing) {
   EXPECT_TRUE(sound.json()["suspects"].empty());
 }
 
-TEST(CameraPlace, APictureWithoutTagsExitsWithOneAndWritesNothing) {
-  const TemporaryFolder folder;
-  save(folder / "gray.jpg", cv::Mat(720, 1280, CV_8UC1, cv::Scalar(128)));
-  const std::string out = folder / "placed.yaml";
-  const Outcome outcome = runCommand({"camera", "place", scenePath("demo"), "--source",
-                                      folder / "gray.jpg", "--out", out, "--format", "json"});
-  EXPECT_EQ(outcome.exit_code, 1);
-  const json result = outcome.json();
-  EXPECT_FALSE(result["success"]);
-  EXPECT_EQ(result["reason"],
-            "0 tags of scene demo can be used; expected 3: bring more of them into sight, in focus "
-            "and in even light");
-  EXPECT_TRUE(result["position_m"].is_null() && result["covariance"].is_null());
-  EXPECT_FALSE(fs::exists(out));
-}
-
-TEST(CameraPlace, ADamagedPictureIsNamedOnce) {
-  const TemporaryFile broken("no picture", ".jpg");
-  const Outcome outcome = runCommand(
-      {"camera", "place", scenePath("demo"), "--source", broken.path(), "--format", "json"});
-  EXPECT_EQ(outcome.exit_code, 1);
-  const auto fault = outcome.json()["faults"][0];
-  EXPECT_EQ(fault["file"], broken.path());
-  EXPECT_FALSE(has(fault["reason"], broken.path()));
-  const std::size_t first = outcome.err.find(broken.path());
-  ASSERT_NE(first, std::string::npos) << outcome.err;
-  EXPECT_EQ(outcome.err.find(broken.path(), first + 1), std::string::npos) << outcome.err;
-}
-
-TEST(CameraPlace, AWebcamThatCannotBeOpenedIsNamedHoweverShortTheTime) {
-  const TemporaryFolder folder;
-  const std::string scene = folder / "arm.yaml";
-  ASSERT_EQ(runCommand({"new", "--out", scene}).exit_code, 0);
-  const auto reason = [&](const std::vector<std::string>& call) {
-    const Outcome outcome = runCommand(call);
-    EXPECT_EQ(outcome.exit_code, 1) << outcome.err;
-    EXPECT_EQ(outcome.json()["faults"].size(), 1u);
-    return outcome.json()["reason"].get<std::string>();
-  };
-  const std::string expected =
-      "no picture could be read: /dev/no_such_camera: the device does not exist; plug the camera "
-      "in, or give another device";
-  EXPECT_EQ(reason({"camera", "place", scene, "--source", "webcam", "--seconds", "0.2", "--set",
-                    "camera.webcam.device=/dev/no_such_camera", "--format", "json"}),
-            expected);
-  EXPECT_EQ(reason({"camera", "calibrate", "--source", "webcam", "--seconds", "0.2", "--device",
-                    "/dev/no_such_camera", "--format", "json"}),
-            expected);
-}
-
 // Pictures of the demo's arm with their truth, made once.
 class Localize : public testing::Test {
  protected:
@@ -318,10 +259,6 @@ class Localize : public testing::Test {
 
   static std::string picture(int number) {
     return *folder_ / ("rig/picture_000" + std::to_string(number) + ".jpg");
-  }
-  static std::string write(const std::string& name, const std::string& content) {
-    std::ofstream(*folder_ / name, std::ios::binary) << content;
-    return *folder_ / name;
   }
 
   // What it says of pictures of the demo's arm.
@@ -379,22 +316,6 @@ TEST_F(Localize, TheFittedBaseAndBleedAreReported) {
             frame["base"]["position_m"][0].get<double>());
 }
 
-// Tags said to be a sixth too large.
-TEST_F(Localize, AParameterFarFromItsPriorIsSuspicious) {
-  const Outcome outcome = runCommand({"localize", scenePath("demo"), picture(1), "--set",
-                                      "tags.size_m=0.036", "--format", "json"});
-  const json frame = outcome.json()["frames"][0];
-  const json suspicious = frame["suspicious"];
-  const auto border_shift =
-      std::find_if(suspicious.begin(), suspicious.end(),
-                   [](const json& entry) { return entry["parameter"] == "bleed_m"; });
-  ASSERT_NE(border_shift, suspicious.end()) << frame;
-  EXPECT_NEAR((*border_shift)["deviations"].get<double>(),
-              std::abs(frame["bleed_m"].get<double>()) / 0.0005, 1e-9);
-  EXPECT_GT((*border_shift)["deviations"].get<double>(), 3);
-  EXPECT_NE((*border_shift)["remedy"].get<std::string>().find("tags.size_m"), std::string::npos);
-}
-
 TEST_F(Localize, OnePictureNamesTheMistakeThatALongListNames) {
   for (const std::size_t count : {1, 70}) {
     std::vector<std::string> command{"localize", scenePath("demo"), "--set",
@@ -409,11 +330,6 @@ TEST_F(Localize, OnePictureNamesTheMistakeThatALongListNames) {
   EXPECT_TRUE(resultOf({"localize", scenePath("demo"), picture(1)})["suspects"].empty());
 }
 
-TEST_F(Localize, ANameThatIsNoUtf8LosesNoResult) {
-  const std::string odd = write("odd_\xff.jpg", contentOf(picture(1)));
-  EXPECT_EQ(framesOf({odd})[0]["state"], "measured");
-}
-
 TEST_F(Localize, CsvHasARowForEveryTag) {
   const json frame = framesOf({picture(1)})[0];
   const auto rows = csvRows(csvOf(picture(1)));
@@ -426,83 +342,6 @@ TEST_F(Localize, CsvHasARowForEveryTag) {
     EXPECT_EQ(std::stod(rows[i + 1][3]), frame["tags"][i]["corners_px"][0][0].get<double>());
     EXPECT_EQ(std::stod(rows[i + 1].back()), frame["twist"][0][5].get<double>());
   }
-}
-
-TEST_F(Localize, PressuresSayWhereTheSearchBegins) {
-  const auto rest = numbersOf(framesOf({picture(1)})[0]["twist"][0]);
-  const auto bent = numbersOf(framesOf({picture(1), "--pressure-kpa", "200,20,20"})[0]["twist"][0]);
-  for (int j = 0; j < 6; ++j) EXPECT_NEAR(rest[j], bent[j], 1e-5);
-  EXPECT_EQ(
-      runCommand({"localize", scenePath("demo"), picture(1), "--pressure-kpa", "1,2"}).exit_code,
-      2);
-}
-
-// No camera, no tags, or a picture of another size: the tags are there all the same.
-TEST_F(Localize, WhereTheModelFindsNoShapeTheSearchBeginsWithoutLoad) {
-  const std::string rig = *folder_ / "loaded rig";
-  ASSERT_EQ(runCommand({"simulate", scenePath("loaded"), "--out", rig, "--count", "1"}).exit_code,
-            0);
-  std::vector<std::string> command{"localize", scenePath("loaded"), rig + "/picture_0001.jpg",
-                                   "--format", "json"};
-  const json sound = runCommand(command).json();
-  EXPECT_EQ(sound["model_status"], "converged");
-  for (const char* const key : {"load.tip.force_n=[0, 0, 1e4]", "tier=loaded", "order=2"}) {
-    command.insert(command.end(), {"--set", key});
-  }
-  const Outcome outcome = runCommand(command);
-  ASSERT_EQ(outcome.exit_code, 0) << outcome.out;
-  EXPECT_EQ(outcome.json()["model_status"], "not_converged");
-  EXPECT_NE(outcome.err.find("the search began at the shape without load"), std::string::npos);
-  const std::vector<double> one = numbersOf(outcome.json()["frames"][0]["twist"][0]);
-  const std::vector<double> other = numbersOf(sound["frames"][0]["twist"][0]);
-  for (int i = 0; i < 6; ++i) {
-    const double variance = sound["frames"][0]["covariance"][i][i];
-    EXPECT_NEAR(one[i], other[i], std::sqrt(variance)) << i;
-  }
-}
-
-TEST_F(Localize, WithoutACameraOrTagsTheTagsAreListed) {
-  for (const char* name : {"planar_50", "helical_50"}) {
-    const json frame = resultOf({"localize", scenePath(name), picture(1)})["frames"][0];
-    EXPECT_EQ(frame["state"], "tags_only");
-    EXPECT_GE(frame["tags"].size(), 4u);
-    EXPECT_EQ(frame["twist"], nullptr);
-    EXPECT_EQ(frame["covariance"], nullptr);
-    EXPECT_EQ(frame["reason"],
-              std::string("scene ") + name + (name[0] == 'p' ? " has no tags" : " has no camera"));
-  }
-  const json frame = framesOf({picture(1), "--set", "camera.size_px=[640, 480]"}, 1)[0];
-  EXPECT_EQ(frame["state"], "wrong_size");
-  EXPECT_TRUE(frame["tags"].empty()) << "its header is enough";
-  EXPECT_EQ(frame["reason"].get<std::string>().find(
-                "the picture has 1280 x 720 pixels, the camera of scene demo 640 x 480"),
-            0u);
-}
-
-TEST_F(Localize, TagsThatGiveNoTwistAreAFailureWithItsReason) {
-  const json frame = framesOf({picture(1), "--set", "vision.min_tags=40"}, 1)[0];
-  EXPECT_EQ(frame["state"], "too_few_tags");
-  EXPECT_EQ(frame["twist"], nullptr);
-  EXPECT_NE(frame["reason"].get<std::string>().find("vision.min_tags is 40"), std::string::npos);
-  EXPECT_GE(frame["tags"].size(), 4u);
-}
-
-TEST_F(Localize, APictureThatIsBrokenOrShowsNoTagsIsNamedAndTheOthersAreMeasured) {
-  const std::string content = contentOf(picture(1));
-  const std::string broken = write("broken.jpg", content.substr(0, content.size() / 2));
-  const std::string empty = write("empty.jpg", "");
-  const std::string blank = write("blank.pgm", "P5 1280 720 255\n" + std::string(1280 * 720, 'x'));
-  const json frames = framesOf({broken, picture(1), empty, blank}, 1);
-  ASSERT_EQ(frames.size(), 4u);
-  EXPECT_EQ(frames[0]["state"], "unreadable");
-  EXPECT_EQ(frames[0]["tags"], json::array());
-  EXPECT_EQ(frames[0]["reason"].get<std::string>().find(broken + ": a damaged or truncated JPEG"),
-            0u);
-  EXPECT_EQ(frames[1]["state"], "measured");
-  EXPECT_EQ(frames[2]["reason"], empty + ": the file is empty");
-  EXPECT_EQ(frames[3]["state"], "no_tags");
-  EXPECT_EQ(frames[3]["reason"], "no tag of family 36h11 is in sight");
-  EXPECT_EQ(framesOf({blank}, 1).size(), 1u) << "it alone is a failure";
 }
 
 }  // namespace

@@ -116,43 +116,5 @@ TEST(Fit, TooFewTagsGiveNoTwistAndExitCodeOne) {
   EXPECT_EQ(fit(scene, one, "text").exit_code, 1);
 }
 
-TEST(Fit, PlacesInMillimetresGiveNoShape) {
-  const TemporaryFile scene(kRodScene);
-  const TemporaryFile data(kTagPoseHeader + bentRows(3, 250) + bentRows(4, 280));
-  for (const char* command : {"fit", "evaluate"}) {
-    const json result = resultOf({command, scene.path(), data.path()}, 1);
-    for (const json& capture : result["captures"]) {
-      EXPECT_EQ(capture["converged"], false);
-      EXPECT_NE(capture["status"], "converged");
-      EXPECT_NE(capture["reason"].get<std::string>().find("in metres"), std::string::npos);
-    }
-    EXPECT_EQ(result["reason"].get<std::string>().find("no capture could be fitted"), 0u);
-    EXPECT_TRUE(result["median_rms_m"].is_null());
-  }
-  const std::string text = fit(scene, data, "text").out;
-  EXPECT_NE(text.find("no capture could be fitted"), std::string::npos);
-  const std::size_t told = text.find(" (2 rows)");
-  ASSERT_NE(told, std::string::npos) << text;
-  EXPECT_EQ(text.find("in metres", told), std::string::npos);
-}
-
-TEST(Fit, CsvHasARowACapture) {
-  const TemporaryFile scene(kRodScene);
-  const TemporaryFile data(kTagPoseHeader + bentRows(3, 0.25) + "4,0,1,0.1,0,0,0,0,0,1\n");
-  const json result = fit(scene, data).json();
-  const std::string csv = fit(scene, data, "csv").out;
-  ASSERT_EQ(csvRows(csv).size(), 3u);
-  const auto cell = [&csv](int row, const char* name) { return csvColumn(csv, name).at(row - 1); };
-  EXPECT_EQ(cell(1, "capture"), "3");
-  const json& capture = result["captures"][0];
-  EXPECT_EQ(std::stod(cell(1, "section_1_wz_rad")), capture["twist"][0][5].get<double>());
-  EXPECT_EQ(std::stod(cell(1, "covariance_2_6")), capture["covariance"][1][5].get<double>());
-  EXPECT_EQ(std::stod(cell(1, "tag_2_residual_m")), capture["tags"][1]["residual_m"].get<double>());
-  EXPECT_EQ(cell(2, "capture"), "4");
-  EXPECT_EQ(cell(2, "status"), "underdetermined");
-  EXPECT_EQ(cell(2, "section_1_wz_rad"), "");
-  EXPECT_EQ(cell(2, "covariance_6_6"), "");
-}
-
 }  // namespace
 }  // namespace helix_arm::test

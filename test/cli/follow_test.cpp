@@ -23,17 +23,6 @@ Outcome follow(const std::vector<std::string>& more, const std::string& format =
   return runCommand({"follow", scenePath("demo"), "--format", format}, more);
 }
 
-// A circle of the period as a path file.
-std::string circle(const TemporaryFolder& folder, const std::string& period,
-                   const std::string& radius = "0.02") {
-  const std::string path = folder / ("circle_" + radius + "_" + period + ".csv");
-  EXPECT_EQ(runCommand({"path", "circle", "--centre", kCentre, "--radius", radius, "--period",
-                        period, "--out", path})
-                .exit_code,
-            0);
-  return path;
-}
-
 std::set<std::string> keysOf(const json& object) {
   std::set<std::string> keys;
   for (const auto& [key, value] : object.items()) keys.insert(key);
@@ -106,21 +95,6 @@ TEST(Follow, TheRigMayBeThatOfAnotherScene) {
   EXPECT_NE(unlike.err.find("spatial_101"), std::string::npos) << unlike.err;
 }
 
-// examples/plant.py knows nothing of the scene, and swings.
-TEST(Follow, APlantStandsInForTheTrueArm) {
-  const std::string plant = fs::path(scenePath("demo")).parent_path() / "../../examples/plant.py";
-  const Outcome open =
-      follow({"--plant", plant, "--tip", "0.38,0.03,0.02", "--seconds", "8", "--open"});
-  const Outcome closed = follow({"--plant", plant, "--tip", "0.38,0.03,0.02", "--seconds", "8"});
-  ASSERT_EQ(closed.exit_code, 0) << closed.err;
-  EXPECT_EQ(closed.json()["plant"], plant);
-  EXPECT_GT(open.json()["steady_rms_m"][0], 3e-3);
-  EXPECT_LT(closed.json()["steady_rms_m"][0], 1.5e-3);
-  const Outcome dead = follow({"--plant", "exit 3", "--tip", "0.38,0.03,0.02", "--seconds", "8"});
-  EXPECT_EQ(dead.exit_code, 1);
-  EXPECT_TRUE(has(dead.err, "plant \"exit 3\" ended with exit code 3")) << dead.err;
-}
-
 // Nobody touches the arm, or somebody does, which is then no proof of anything lighter.
 TEST(Follow, AProofOfContactsSetsTheirLimitAndWhatFollows) {
   const TemporaryFolder folder;
@@ -151,83 +125,6 @@ TEST(Follow, AProofOfContactsSetsTheirLimitAndWhatFollows) {
   EXPECT_EQ(brief["on_contact"], "report");
   EXPECT_TRUE(has(brief["doubt"], "let it run for longer")) << brief;
   EXPECT_EQ(runCommand({"follow", out, "--prove-contact", "--out", out}).exit_code, 2);
-}
-
-TEST(Follow, TheLastTurnOfAClosedPathHasItsOwnFigure) {
-  const TemporaryFolder folder;
-  const json one = follow({"--path", circle(folder, "4"), "--seconds", "6"}).json();
-  EXPECT_EQ(one["last_turn_rms_m"], one["path_rms_m"]);
-  // Without a time, the run ends with the path.
-  const json whole = follow({"--path", circle(folder, "4")}).json();
-  EXPECT_EQ(whole["path_rms_m"], one["path_rms_m"]);
-  EXPECT_LT(whole["seconds"], 6);
-  const std::string twice = folder / "twice.csv";
-  ASSERT_EQ(runCommand({"path", "circle", "--centre", kCentre, "--radius", "0.02", "--period", "4",
-                        "--turns", "2", "--out", twice})
-                .exit_code,
-            0);
-  const json two = follow({"--path", twice, "--seconds", "10"}).json();
-  EXPECT_LT(two["last_turn_rms_m"], two["path_rms_m"]) << "the first turn is unlearned";
-}
-
-TEST(Follow, EachTurnIsARow) {
-  const TemporaryFolder folder;
-  const Outcome outcome = follow({"--tip", kTips, "--seconds", "4", "--blind", "1,2", "--latency-s",
-                                  "0.1", "--out", folder / "turns.csv"},
-                                 "csv");
-  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-  EXPECT_EQ(contentOf(folder / "turns.csv"), outcome.out);
-  const auto rows = csvRows(outcome.out);
-  const std::vector<std::string> names{"time_s",        "wanted_x_m",      "wanted_y_m",
-                                       "wanted_z_m",    "true_x_m",        "true_y_m",
-                                       "true_z_m",      "measured_time_s", "measured_x_m",
-                                       "measured_y_m",  "measured_z_m",    "predicted_x_m",
-                                       "predicted_y_m", "predicted_z_m",   "pressure_1_pa",
-                                       "pressure_2_pa", "pressure_3_pa",   "state"};
-  ASSERT_EQ(rows.at(0), names);
-  ASSERT_EQ(rows.size(), 401u);
-  for (std::size_t i = 1; i < rows.size(); ++i) {
-    ASSERT_EQ(rows[i].size(), names.size());
-    EXPECT_EQ(rows[i][7].empty(), rows[i][8].empty());
-    if (rows[i][7].empty()) continue;
-    EXPECT_NEAR(std::stod(rows[i][0]) - std::stod(rows[i][7]), 0.1, 1e-9);
-  }
-  EXPECT_EQ(rows[1].back(), "open");
-  EXPECT_EQ(rows[190].back(), "coasting");
-}
-
-TEST(Follow, APathThatDoesNotBeginHasNoFigures) {
-  const TemporaryFolder folder;
-  const Outcome outcome = follow({"--path", circle(folder, "8"), "--seconds", "0.3"});
-  EXPECT_EQ(outcome.exit_code, 1);
-  EXPECT_EQ(outcome.json()["path_rms_m"], nullptr);
-  EXPECT_NE(outcome.json()["reason"].get<std::string>().find("raise --seconds"), std::string::npos);
-}
-
-// A loop that never closed has not followed anything.
-TEST(Follow, AnArmThatIsNeverSeenIsNamedWithTheCause) {
-  const auto why = [](const std::vector<std::string>& more) {
-    const Outcome outcome = runCommand(
-        {"follow", scenePath("demo"), "--format", "json", "--tip", kTips, "--seconds", "2"}, more);
-    EXPECT_EQ(outcome.exit_code, outcome.json()["reason"].is_null() ? 0 : 1) << outcome.err;
-    return outcome.json()["reason"].is_null() ? "" : outcome.json()["reason"].get<std::string>();
-  };
-  EXPECT_TRUE(
-      has(why({"--blind", "0,2"}), "never seen, so the loop did not close: the picture is lost"));
-  EXPECT_TRUE(
-      has(why({"--set", "camera.rpy_deg=[0,0,0]"}), "0 tags of the arm are in the picture"));
-  EXPECT_TRUE(has(why({"--set", "camera.rpy_deg=[0,0,0]", "--sight", "rendered"}), "(no_tags)"));
-  EXPECT_EQ(why({"--blind", "0,2", "--open"}), "");
-}
-
-TEST(Follow, ThePictureShowsTheRun) {
-  const TemporaryFolder folder;
-  const Outcome outcome = follow({"--path", circle(folder, "4"), "--seconds", "6", "--png",
-                                  folder / "run.png", "--blind", "2,3"});
-  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-  EXPECT_EQ(outcome.json()["png"], folder / "run.png");
-  EXPECT_EQ(contentOf(folder / "run.png").substr(1, 3), "PNG");
-  EXPECT_NE(outcome.err.find("open loop, for the picture: 6 of 6 s"), std::string::npos);
 }
 
 // A camera that is centimetres from its place in the scene.

@@ -1,5 +1,4 @@
 #include <cmath>
-#include <set>
 
 #include <gtest/gtest.h>
 
@@ -79,35 +78,10 @@ TEST(Forward, CsvAndJsonHoldTheSameBits) {
   EXPECT_EQ(std::stod(curve[4][1]), result["tip"]["position_m"][0].get<double>());
 }
 
-TEST(Forward, TendonsTakeRadians) {
-  const TemporaryFile scene(kPulledScene);
-  const nlohmann::json result = resultOf({"forward", scene.path(), "--input", "2,0"});
-  EXPECT_GT(result["twist"][0][5].get<double>(), 0.1);
-  EXPECT_FALSE(result.contains("pressure_pa"));
-  EXPECT_EQ(numbersOf(result["input"]), (std::vector<double>{2, 0}));
-  EXPECT_EQ(result["input_unit"][0], "rad");
-}
-
 TEST(Forward, PressuresMayBeGivenInPascals) {
   const Outcome si = runCommand(
       {"forward", scenePath("planar_76"), "--input", "250000,50000", "--format", "json"});
   EXPECT_EQ(si.out, forward("planar_76", "250,50").out);
-}
-
-TEST(Forward, PressuresThatLookLikeKilopascalsAreWarnedOf) {
-  const auto warned = [](const std::string& option, const std::string& value) {
-    const auto run = runCommand({"forward", scenePath("helical_50"), option, value});
-    EXPECT_EQ(run.exit_code, 0) << run.err;
-    return run.err.find("looks like kPa") != std::string::npos;
-  };
-  const std::string pascals = "pressure_1_pa,pressure_2_pa,pressure_3_pa\n0,0,0\n";
-  EXPECT_TRUE(warned("--input", "200,0,50"));
-  EXPECT_TRUE(warned("--inputs", TemporaryFile("input_1,input_2,input_3\n0,0,0\n1,2,3\n").path()));
-  EXPECT_TRUE(warned("--inputs", TemporaryFile(pascals + "100,200,0\n").path()));
-  EXPECT_FALSE(warned("--inputs", TemporaryFile(pascals + "1e5,200,0\n").path()));
-  EXPECT_FALSE(warned("--inputs", TemporaryFile("pressure_1_kpa\n0\n1\n").path()));
-  EXPECT_FALSE(warned("--input", "200e3,0,50"));
-  EXPECT_FALSE(warned("--pressure-kpa", "0.2,0,0"));
 }
 
 // What one of forward and inverse prints, the other reads.
@@ -179,24 +153,6 @@ TEST(Inverse, ReachesTipsPosesAndTwistsThatForwardGave) {
   }
 }
 
-TEST(Inverse, PreferencesPickAmongTheAnswers) {
-  // Six actuators for three coordinates leave room for a preference.
-  const nlohmann::json tip = forward("annotated", "90,20,40,50,10,30").json()["tip"]["position_m"];
-  std::set<nlohmann::json> answers;
-  for (const std::vector<std::string>& options : std::vector<std::vector<std::string>>{
-           {},
-           {"--prefer", "min-change", "--start-kpa", "90,20,40,50,10,30"},
-           {"--prefer", "cocontract"},
-           {"--prefer", "cocontract", "--cocontraction", "0.8"}}) {
-    const Outcome outcome = runCommand(
-        {"inverse", scenePath("annotated"), "--format", "json", "--tip", commaList(numbersOf(tip))},
-        options);
-    EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
-    answers.insert(outcome.json()["pressure_pa"]);
-  }
-  EXPECT_EQ(answers.size(), 4u);
-}
-
 TEST(Inverse, AnUnreachableTargetGivesTheClosestAndTheReason) {
   // Straight ahead and too far: the vented arm, its free length 0.4269760703 m, is the closest.
   const Outcome outcome = inverse("spatial_50", {"--tip", "0.5,0,0"});
@@ -210,28 +166,6 @@ TEST(Inverse, AnUnreachableTargetGivesTheClosestAndTheReason) {
   EXPECT_EQ(result["active_limits"][0]["actuator"], "muscle_1");
   EXPECT_EQ(result["active_limits"][0]["limit"], "lower");
   for (const double p : numbersOf(result["pressure_pa"])) EXPECT_NEAR(p, 0, 1);
-}
-
-TEST(Inverse, NegativeNumbersAreNoOptions) {
-  for (const std::vector<std::string>& target : {std::vector<std::string>{"--tip", "-0.1,0.2,0.3"},
-                                                 std::vector<std::string>{"--tip=-0.1,0.2,0.3"}}) {
-    const Outcome outcome = inverse("spatial_50", target);
-    EXPECT_EQ(outcome.exit_code, 1) << outcome.err;
-    EXPECT_EQ(outcome.json()["status"], "unreachable");
-  }
-}
-
-TEST(Inverse, TendonsAreAnsweredInRadians) {
-  std::string text = kPulledScene;
-  text.replace(text.find("planar"), 6, "spatial").replace(text.find("count: 2"), 8, "count: 3");
-  const TemporaryFile scene(text);
-  const nlohmann::json wanted =
-      runCommand({"forward", scene.path(), "--input", "3,1,0.5", "--format", "json"}).json();
-  const std::string tip = commaList(numbersOf(wanted["tip"]["position_m"]));
-  const Outcome outcome = runCommand({"inverse", scene.path(), "--tip", tip, "--format", "json"});
-  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-  EXPECT_EQ(outcome.json()["input_unit"][0], "rad");
-  EXPECT_NEAR(outcome.json()["input"][0].get<double>(), 3, 1e-3);
 }
 
 TEST(Inverse, RowsOfATableAreAsSingleCalls) {
@@ -251,8 +185,6 @@ TEST(Inverse, RowsOfATableAreAsSingleCalls) {
 }
 
 // ---- forward under load -------------------------------------------------------------------------
-
-const char* const kHorizontal = "arm.base.rpy_deg=[0, 0, 0]";
 
 Eigen::Vector3d positionOf(const nlohmann::json& pose) {
   const std::vector<double> p = numbersOf(pose["position_m"]);
@@ -304,26 +236,6 @@ TEST(ForwardLoaded, EveryTierIsThatOfTheLibrary) {
     EXPECT_NEAR(result["piece_twist"].back()[0].get<double>(),
                 expected.shape.pieces().rightCols<1>()(0), 1e-14);
   }
-}
-
-TEST(ForwardLoaded, AccuracyAndBudgetChoose) {
-  const auto chosen = [](std::vector<std::string> options) {
-    options.insert(options.end(), {"--set", kHorizontal});
-    const Outcome outcome = forward("loaded", "200,0,50", options);
-    EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
-    return outcome.json();
-  };
-  const nlohmann::json rough = chosen({"--accuracy", "5"}), fine = chosen({"--accuracy", "1e-4"});
-  EXPECT_LE(rough["tip_error_percent"].get<double>(), 5);
-  EXPECT_LE(fine["tip_error_percent"].get<double>(), 1e-4);
-  EXPECT_GT(rough["tip_error_percent"].get<double>(), 1e-4);
-  // A second is enough for any tier.
-  const nlohmann::json slow = chosen({"--budget", "1e6"});
-  EXPECT_LE(slow["tip_error_percent"].get<double>(), fine["tip_error_percent"].get<double>());
-  // What the command asks for takes the place of all that the scene does.
-  EXPECT_EQ(chosen({"--set", "tier=exact", "--accuracy", "5"})["tier"], rough["tier"]);
-  EXPECT_EQ(chosen({"--set", "tier=exact"})["tier"], "exact");
-  EXPECT_EQ(chosen({"--set", "accuracy.tip_error_percent=5", "--tier", "exact"})["tier"], "exact");
 }
 
 TEST(ForwardLoaded, FailedConvergenceIsReportedAndExitsWithOne) {
@@ -382,22 +294,6 @@ TEST(Response, AHistoryGivesTheShapeAtEffectivePressures) {
   EXPECT_EQ(result["history"][3]["tip"], result["tip"]);
 }
 
-TEST(Response, TimesMakeASeriesAndTrialsStartAnew) {
-  const TemporaryFile series(
-      "trial,time_s,pressure_1_kpa\nrun A,10,0\nrun A,10.5,100\nrun A,11.5,100\nB,3,80\n");
-  const nlohmann::json result =
-      run("forward", {"--history", series.path()},
-          {"--set", "contractions.planar_muscle.response={rise_time_constant_s: 0.5}"})
-          .json();
-  const auto effective = [&](int row) {
-    return result["history"][row]["effective_pressure_pa"][0].get<double>();
-  };
-  EXPECT_EQ(result["history"][1]["time_s"], 10.5);
-  EXPECT_NEAR(effective(1), 100e3 * (1 - std::exp(-1.0)), 1e-6);
-  EXPECT_NEAR(effective(2), 100e3 * (1 - std::exp(-3.0)), 1e-6);
-  EXPECT_EQ(effective(3), 80e3);
-}
-
 TEST(Response, WithoutAHistoryEffectivePressuresAreThePressuresAndTheResultSaysSo) {
   const std::vector<std::string> call{"--pressure-kpa", "200,50"};
   const nlohmann::json plain = run("forward", call, {}).json();
@@ -412,36 +308,6 @@ TEST(Response, WithoutAHistoryEffectivePressuresAreThePressuresAndTheResultSaysS
   EXPECT_EQ(result, plain);  // all else as without one
   const nlohmann::json workspace = run("workspace", {"--count", "10"}).json();
   EXPECT_EQ(workspace["response"]["note"], run("forward", call).json()["response"]["note"]);
-}
-
-TEST(Response, ASlowStateIsFollowedAndToldWhenItRests) {
-  const std::vector<std::string> slow{
-      "--set", "contractions.planar_muscle.response={slow_time_constant_s: 2, slow_weight: 0.6}"};
-  const TemporaryFile series("time_s,pressure_1_kpa,pressure_2_kpa\n0,0,0\n1,200,0\n");
-  const nlohmann::json result = run("forward", {"--history", series.path()}, slow).json();
-  EXPECT_NEAR(result["effective_pressure_pa"][0].get<double>(),
-              200e3 * (0.4 + 0.6 * (1 - std::exp(-0.5))), 1e-6);
-  EXPECT_EQ(result["response"]["rest_time_s"], 10);
-  EXPECT_EQ(result["response"]["memory_known"], false);
-  EXPECT_NEAR(numbersOf(result["response"]["uncertainty_pa"])[0], 0.6 * 413685.6 * std::exp(-0.5),
-              1e3);
-  EXPECT_EQ(run("forward", {"--pressure-kpa", "200,50"}, slow).json()["response"]["note"],
-            "at rest, which takes 10 s, with every effective pressure the pressure itself");
-}
-
-TEST(Response, UnattainableEffectivePressuresAreOutOfReach) {
-  // Straight at rest is out of reach on the way down from 300 kPa, where half the loop remains.
-  const TemporaryFile high("pressure_1_kpa,pressure_2_kpa\n0,0\n400,0\n300,0\n");
-  const nlohmann::json rest = run("forward", {"--pressure-kpa", "0,0"}, {}).json();
-  const std::string tip = commaList(numbersOf(rest["tip"]["position_m"]));
-  EXPECT_EQ(run("inverse", {"--tip", tip}).exit_code, 0);
-  const Outcome outcome = run("inverse", {"--tip", tip, "--history", high.path()});
-  EXPECT_EQ(outcome.exit_code, 1);
-  const nlohmann::json result = outcome.json();
-  EXPECT_EQ(result["status"], "unreachable");
-  EXPECT_EQ(result["pressure_pa"][0], 0);
-  EXPECT_NEAR(result["effective_pressure_pa"][0].get<double>(), kHalfWidth, 1e-6);
-  EXPECT_EQ(result["active_limits"][0]["limit"], "lower");
 }
 
 }  // namespace

@@ -159,77 +159,6 @@ class NewOnATerminal(unittest.TestCase):
         self.assert_written(terminal, "--muscles", "5", "--length-m", "0.4", "--radius-m", "0.03", "--max-pressure-kpa", "250",
                             "--tags", "4", "--camera-distance-m", "1", "--mounting", "standing", "--regulator", "generic", "--device", "/dev/tty: USB #7")
 
-    def test_what_options_give_is_not_asked(self):
-        terminal = Terminal("new", "--out", self.out, "--muscles", "4", "--tag-size-m", "0")
-        questions = terminal.keep_all()
-        self.assertEqual(len(questions), 8, questions)
-        self.assertFalse(any("number of muscles" in question or "tag" in question for question in questions), questions)
-        self.assert_written(terminal, "--muscles", "4", "--tag-size-m", "0")
-
-    def test_the_questions_speak_of_the_chambers_of_an_extending_arm(self):
-        terminal = Terminal("new", "--out", self.out, "--chambers")
-        questions = "".join(terminal.keep_all())
-        for words in ("number of chambers per section", "lengthens at its highest pressure", "in kPa (1 to 2000) [100]: "):
-            self.assertIn(words, questions)
-        self.assertNotIn("muscle", questions)
-        self.assert_written(terminal, "--chambers")
-
-    def test_enter_keeps_tags_that_fit_the_arm(self):
-        for options, size in ((("--muscles", "8"), "0.027"), (("--muscles", "24", "--radius-m", "0.05"), "0.013"),
-                              (("--sections", "5", "--muscles", "6"), "0.037"), (("--sections", "16", "--muscles", "3"), "0")):
-            terminal = Terminal("new", "--out", self.out, "--force", *options)
-            tags = [question for question in terminal.keep_all() if "black border" in question]
-            self.assertEqual(len(tags), 1)
-            self.assertTrue(tags[0].endswith("[%s]: " % size), tags[0])
-            self.assert_written(terminal, "--tag-size-m", size, *options)
-
-    def test_a_fault_of_the_options_ends_the_questions(self):
-        tags = "2 tags of 200 mm with their white border do not fit on a muscle of 300 mm"
-        geometry = ("--sections", "1", "--muscles", "3", "--length-m", "0.3", "--contraction", "0.2", "--radius-m", "0.025",
-                    "--tilt-deg", "0", "--max-pressure-kpa", "300")
-        for options, answers, words in (
-                (("--tag-size-m", "0.2"), 7, tags),
-                (("--tag-size-m", "0.2", "--tags", "2"), 7, tags),
-                (("--tag-size-m", "0.2", "--tags", "2", "--camera-distance-m", "1"), 7, tags),
-                (("--tag-size-m", "0.2", *geometry), 0, tags),
-                (("--sections", "3", "--muscles", "4", "--tags", "6"), 5, "--tags is 6, which makes 72 tags"),
-                (("--regulator", "generic", "--max-pressure-kpa", "400"), 0, "--regulator generic takes 300 kPa at most"),
-                (("--regulator", "generic", "--muscles", "9"), 0, "--regulator generic has 8 channels at most")):
-            terminal = Terminal("new", "--out", self.out, *options)
-            for _ in range(answers):
-                self.assertTrue(terminal.question(), terminal.seen)
-                terminal.answer()
-            self.assertEqual(terminal.question(), "", "it asks on: " + terminal.seen)
-            self.assertEqual(terminal.end(), 2, terminal.seen)
-            self.assertIn(words, terminal.seen)
-            self.assert_nothing_written()
-
-    def test_what_the_device_of_an_option_does_not_take_is_asked_for_again(self):
-        terminal = Terminal("new", "--out", self.out, "--regulator", "generic", "--tag-size-m", "0")
-        terminal.question()
-        self.assertIn("--regulator generic has 8 channels at most, and --sections 3 with --muscles 3 need 9", terminal.answer("3"))
-        self.assertTrue(terminal.question().startswith("number of sections"), terminal.question())
-        terminal.answer("2")
-        self.assertIn("--sections 2 with --muscles 5 need 10", terminal.answer("5"))
-        terminal.answer("4")
-        for _ in range(4):
-            terminal.answer()
-        self.assertIn("--regulator generic takes 300 kPa at most, and --max-pressure-kpa is 301", terminal.answer("301"))
-        terminal.answer("300")
-        terminal.keep_all()
-        self.assert_written(terminal, "--regulator", "generic", "--tag-size-m", "0", "--sections", "2", "--muscles", "4")
-
-    def test_a_device_that_does_not_take_the_answers_is_asked_for_again(self):
-        terminal = Terminal("new", "--out", self.out, "--max-pressure-kpa", "400", "--tag-size-m", "0")
-        terminal.question()
-        for _ in range(7):
-            terminal.answer()
-        self.assertIn("--regulator generic takes 300 kPa at most, and --max-pressure-kpa is 400", terminal.answer("generic"))
-        self.assertTrue(terminal.question().startswith("pressure regulator"), terminal.question())
-        terminal.answer("alicat")
-        terminal.keep_all()
-        self.assert_written(terminal, "--max-pressure-kpa", "400", "--tag-size-m", "0", "--regulator", "alicat")
-
     def assert_leaves_no_file(self, key, exit_code, words=""):
         for answers in (0, 5, 10):
             terminal = Terminal("new", "--out", self.out)
@@ -247,20 +176,6 @@ class NewOnATerminal(unittest.TestCase):
 
     def test_ctrl_c_leaves_no_file(self):
         self.assert_leaves_no_file(CTRL_C, 130)
-
-    def test_what_is_wrong_in_the_call_is_said_before_any_question(self):
-        (self.folder / "told" / "old.yaml").write_text("name: old\n")
-        for out, options, words in (
-                (str(self.folder / "none" / "arm.yaml"), (), "is in no folder that exists"),
-                (str(self.folder / "told" / "old.yaml"), (), "give --force to replace it"),
-                (str(self.folder / "asked" / "my arm.yaml"), (), "name is my arm"),
-                (self.out, ("--muscles", "2"), "--muscles is 2; expected 3 to 24"),
-                (self.out, ("--regulator", "festo"), "--regulator is festo")):
-            terminal = Terminal("new", "--out", out, *options)
-            self.assertEqual(terminal.question(), "", terminal.seen)
-            self.assertEqual(terminal.end(), 2, terminal.seen)
-            self.assertIn(words, terminal.seen)
-            self.assert_nothing_written()
 
 
 if __name__ == "__main__":

@@ -89,20 +89,6 @@ TEST_F(New, ArmsOfOneToSixSectionsHaveNoFaults) {
   }
 }
 
-TEST_F(New, TagsOfALongArmAreLargeEnoughForItsCamera) {
-  const auto size = [this](const std::vector<std::string>& options) {
-    return made({"--defaults"}, options).tags->size;
-  };
-  EXPECT_EQ(size({}), 0.03);
-  EXPECT_EQ(size({"--muscles", "8"}), 0.027) << "no more fit side by side";
-  EXPECT_EQ(size({"--tags", "9"}), 0.023) << "no more fit in a row";
-  // 2.2 px of 930 px/m for each of 8 bits, from 1.75 lengths.
-  EXPECT_EQ(size({"--sections", "6"}), 0.06);
-  EXPECT_EQ(size({"--sections", "6", "--tag-size-m", "0.02"}), 0.02) << "as was asked for";
-  EXPECT_EQ(made({"--defaults", "--sections", "3", "--muscles", "4"}).tags->tags.size(), 60u)
-      << "five of 64 / 12 per muscle";
-}
-
 TEST_F(New, TheProfileSaysWhatTheDeviceTakes) {
   write({"--defaults", "--regulator", "generic", "--sections", "2", "--muscles", "4"});
   const io::Scene alicat =
@@ -117,33 +103,6 @@ TEST_F(New, TheProfileSaysWhatTheDeviceTakes) {
   const io::Scene scene = made({"--defaults", "--regulator", mine, "--sections", "3"});
   EXPECT_EQ(scene.arm.actuator(0).limits.upper, 2e5) << "the default is lowered";
   expectSound();
-}
-
-TEST_F(New, TextsThatYamlReadsOtherwiseAreQuoted) {
-  const auto regulatorOf = [this](const std::vector<std::string>& options) {
-    return *made({"--defaults", "--regulator"}, options).regulator;
-  };
-  int number = 1;
-  for (const char* const text :
-       {"/dev/a #b", "/dev/ttyUSB0", "a: b", "- x", "[::1]", "{x}",        "'",
-        "\"q\" \\",  "null",         "~",    "12",  "true",  "*a",         "&a",
-        "!a",        "%a",           "@a",   "# a", "| a",   "caf\xc3\xa9"}) {
-    if (!test::isDrawn(number++, 5)) continue;
-    SCOPED_TRACE(text);
-    const regulator::Config serial = regulatorOf({"generic", "--device", text});
-    EXPECT_EQ(std::get<regulator::SerialConfig>(serial).device, text);
-    const regulator::Config modbus = regulatorOf({"festo_vtem", "--host", text});
-    EXPECT_EQ(std::get<regulator::ModbusConfig>(modbus).host, text);
-  }
-  EXPECT_TRUE(has(contentOf(out_), "    host: caf\xc3\xa9\n")) << "plain where YAML reads it so";
-  for (const char* const name : {"a \"b\".yaml", "a\\b.yaml", "a #b.yaml", "it's.yaml"}) {
-    SCOPED_TRACE(name);
-    const std::string copy = folder_ / name;
-    std::filesystem::copy_file(HELIX_ARM_SOURCE_DIR "/config/regulators/generic.yaml", copy);
-    const regulator::Config serial = regulatorOf({copy});
-    EXPECT_EQ(std::get<regulator::SerialConfig>(serial).profile.name,
-              std::filesystem::path(name).stem().string());
-  }
 }
 
 TEST_F(New, EveryShippedProfileAndTheFileOfOneMayBeTheRegulator) {
@@ -188,16 +147,6 @@ TEST_F(New, WhatWasAskedForIsInTheScene) {
   EXPECT_NEAR(scene.arm.lengths(scene.arm.inputAt(1))[0], 0.3, 1e-9);
   EXPECT_EQ(scene.tags->tags.size(), 12u);
   EXPECT_EQ(scene.tags->size, 0.028);
-}
-
-TEST_F(New, TheArmPointsWhereItsMountingSays) {
-  const std::pair<const char*, Eigen::Vector3d> mountings[] = {
-      {"hanging", {0, 0, -1}}, {"standing", {0, 0, 1}}, {"lying", {1, 0, 0}}};
-  for (const auto& [mounting, direction] : mountings) {
-    SCOPED_TRACE(mounting);
-    const io::Scene scene = made({"--defaults", "--mounting", mounting});
-    EXPECT_LT((scene.X_WB.rotation * Eigen::Vector3d::UnitX() - direction).norm(), 1e-9);
-  }
 }
 
 TEST_F(New, AnExtendingArmLengthensAndBendsAwayFromTheMuscleWithPressure) {
@@ -289,31 +238,6 @@ json probed(Line line, simulation::DeviceFault fault) {
   return outcome.json();
 }
 
-// A profile that takes gauge readings for pressures above a vacuum of 200 kPa.
-TEST(Check, AReplyThatMakesNoSenseIsNamed) {
-  std::string text = contentOf(HELIX_ARM_SOURCE_DIR "/config/regulators/festo_vtem.yaml");
-  const std::string key = "modbus_tcp:\n";
-  text.insert(text.find(key) + key.size(), "  atmosphere_kpa: 200\n");
-  const TemporaryFile profile(text);
-  const EmulatedRegulator device(Line::kModbus);
-  const json result = resultOf({"check", device.scene(), "--probe", "--set",
-                                "regulator.modbus_tcp.profile=" + profile.path()},
-                               1);
-  const json finding = foundBy(result, "bad_reply");
-  EXPECT_EQ(finding["severity"], "fault");
-  EXPECT_TRUE(has(finding["culprit"], " at 127.0.0.1:"));
-  EXPECT_TRUE(has(finding["value"], "atmosphere_kpa"));
-  EXPECT_EQ(finding["remedy"], "check the profile of the regulator");
-}
-
-TEST(Check, AChannelWithoutReadingIsNamed) {
-  const auto modbus = Line::kModbus;
-  EXPECT_TRUE(findingOf(probed(modbus, simulation::DeviceFault::kNone), "no_reading").is_null());
-  const json finding = foundBy(probed(modbus, simulation::DeviceFault::kNanText), "no_reading");
-  EXPECT_EQ(finding["severity"], "fault");
-  EXPECT_EQ(finding["culprit"], "muscle_1");
-}
-
 TEST(Check, WhatTheRegulatorAnsweredIsSaid) {
   for (const Line line : kLines) {
     const json result = probed(line, simulation::DeviceFault::kNone);
@@ -332,16 +256,6 @@ TEST(Check, WhatTheRegulatorAnsweredIsSaid) {
     EXPECT_FALSE(findingOf(result, "supply_not_measured").is_null());
     EXPECT_TRUE(result["supply_pa"].is_null());
   }
-}
-
-TEST(Check, ASupplyThatIsMeasuredIsCompared) {
-  const EmulatedRegulator device(Line::kSerial, EmulatedRegulator::Extra::kSupplySensor);
-  const Outcome outcome =
-      runCommand({"check", device.scene(), "--probe", "--format", "json", "--samples", "0"});
-  const json result = outcome.json();
-  ASSERT_FALSE(result["supply_pa"].is_null()) << outcome.out;
-  EXPECT_TRUE(findingOf(result, "supply_not_measured").is_null());
-  EXPECT_TRUE(has(findingOf(result, "answered")["value"], ", supply "));
 }
 
 }  // namespace

@@ -7,7 +7,6 @@ import io
 import json
 import math
 import random
-import re
 import runpy
 import struct
 import subprocess
@@ -112,20 +111,6 @@ class PlotReport(unittest.TestCase):
         self.assertLess(len(inked), 500)
         self.assertGreater(inked.mean(), 0.02)
 
-    def test_many_captures_and_groups_and_parameters_have_their_place(self):
-        many = report()
-        many["arms"] = [arm("helical_50", "tag_poses", 300)]
-        many["arms"][0]["captures"][10]["rms"] = 40.0
-        del many["arms"][0]["captures"][20]["rms"]
-        many["error_unit"] = "m"
-        many["held_out"] = {"by_pressure": held_out(300), "by_arm": None}
-        many["parameters"].update({f"tag_{i}_along": many["parameters"]["K_kappa"] for i in range(100)})
-        self.assertLess(len(self.picture(many)), 2400)
-
-    def test_rows_of_a_trade_that_are_equal_stand_at_one_point(self):
-        row = {"tier": "linear", "time_ns": 100.0, "tip_error_percent": 0.1, "on_frontier": True}
-        self.assertGreater(self.picture({"rows": [row, {**row, "tier": "planar"}]}).mean(), 0.01)
-
     def write_cloud(self, width, missing=0):
         """Points in a box as helix_arm workspace writes them, of which some may be missing."""
         count, draw = 4000, random.Random(1).random
@@ -182,46 +167,6 @@ class PlotReport(unittest.TestCase):
         self.assertIn(b"helix_arm plot_report", self.target.read_bytes()[:256], "FileAccess looks for it")
         follow["pressures"]["measured_pa"][7] = [1e5]
         self.assert_refused(record, "follow.pressures.measured_pa is malformed; expected one pressure per name in each of 50 rows")
-
-    def test_what_is_no_report_is_named_with_its_culprit(self):
-        for source, message in ((self.folder / "none.json", "none.json cannot be read: No such file"),
-                                (self.folder, "cannot be read: Is a directory"), ("/dev/zero", "/dev/zero is not a regular file")):
-            exit_code, said = self.run_script(source, self.target)
-            self.assertEqual(exit_code, 2)
-            self.assertIn(message, said)
-        self.assert_refused('{"arms": [', "report.json is not valid JSON: ")
-        self.assert_refused([1], "is not a JSON object")
-        self.assert_refused({}, "has nothing to plot; expected rows, cloud, arms, contractions")
-        self.assert_refused('{"held_out_error": NaN}', "held_out_error is NaN; expected a finite number")
-        for keys, value, message in (
-                (("arms", 1, "captures", 2, "rms"), "small", 'arms[1].captures[2].rms is "small"; expected a finite number'),
-                (("arms", 0, "captures", 0, "kind"), "guess",
-                 'arms[0].captures[0].kind is "guess"; expected curvature or tag_poses'),
-                (("arms", 0, "captures", 0, "pressure_pa"), [1.0],
-                 "arms[0].captures have [1, 2] pressures; expected the same number in each"),
-                (("arms", 0, "captures"), {}, "arms[0].captures is {}; expected an array"),
-                (("contractions", 0), {"name": "", "samples": [], "curve": []}, "contractions[0] has no rms_m"),
-                (("parameters", "K_kappa", "identifiable"), 1, "parameters.K_kappa.identifiable is 1; expected true or false")):
-            wrong = part = report()
-            for key in keys[:-1]:
-                part = part[key]
-            part[keys[-1]] = value
-            self.assert_refused(wrong, message)
-
-    def test_a_picture_that_cannot_be_written_leaves_nothing(self):
-        self.source.write_text(json.dumps(report()))
-        for target, message in ((self.folder / "none/report.png", "none/report.png cannot be written: No such file"),
-                                (self.folder, "cannot be written: ")):
-            exit_code, said = self.run_script(self.source, target)
-            self.assertEqual(exit_code, 2)
-            self.assertIn(message, said)
-        self.assertEqual([path.name for path in self.folder.iterdir()], ["report.json"])
-
-    def test_one_module_sets_matplotlib_up(self):
-        root, sets_up = SCRIPT.parents[1], re.compile(rb"""^\s*(import|from)\s+matplotlib|import_module\(f?["']matplotlib""", re.M)
-        files = (path for folder in ("python", "scripts") for path in (root / folder).rglob("*") if "__pycache__" not in path.parts)
-        found = [str(path.relative_to(root)) for path in files if path.is_file() and sets_up.search(path.read_bytes())]
-        self.assertEqual(found, ["python/helix_arm/drawing.py"])
 
 
 if __name__ == "__main__":

@@ -13,7 +13,6 @@
 #include "support/eventually.hpp"
 #include "support/modbus_profiles.hpp"
 #include "support/process.hpp"
-#include "support/temporary_folder.hpp"
 
 namespace helix_arm::test {
 namespace {
@@ -108,15 +107,6 @@ TEST(RegulatorProbe, ReportsWhichChannelsAnswerAndHowOften) {
   EXPECT_EQ(std::stod(rows[3][2]), 0.0);
 }
 
-TEST(RegulatorProbe, TextSaysThatConnectingVents) {
-  EmulatedDevice device(deviceConfig());
-  fill(device);
-  const Outcome outcome = run(device.port(), {"probe", "--seconds", "0.2"});
-  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-  EXPECT_TRUE(has(outcome.out, "connected, which vents; nothing else was written"));
-  EXPECT_EQ(device.setPoint().maxCoeff(), 0);
-}
-
 TEST(RegulatorProbe, WhoDoesNotAnswerIsNamed) {
   const int port = freePort();
   const Outcome refused = run(port, {"probe", "--format", "json"});
@@ -180,27 +170,6 @@ TEST(RegulatorSet, AFaultEndsItWithItsReason) {
   EXPECT_LT(fullest(device), kEmpty);
 }
 
-TEST(RegulatorSet, TheTimeToStayBeginsOnceTheSetPointsHaveArrived) {
-  EmulatedDevice device(deviceConfig());
-  const Outcome outcome =
-      run(device.port(), {"set", "--pressure-kpa", "60,0,0", "--seconds", "0.3", "--yes",
-                          "--format", "json", "--set", "safety.slew_kpa_s=40"});
-  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-  EXPECT_NEAR(numbersOf(outcome.json()["pressure_pa"])[0], 6e4, 500);
-}
-
-TEST(RegulatorSet, AVentThatWasAskedForIsNoFault) {
-  simulation::EmulatedDeviceConfig config = deviceConfig();
-  config.valves.time_constant = 0.4;  // such that it takes more than a line to vent
-  EmulatedDevice device(config);
-  const Outcome outcome =
-      run(device.port(), {"set", "--pressure-kpa", "100,0,50", "--seconds", "1", "--yes", "--set",
-                          "safety.follow.time_constant_s=0.4"});
-  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-  EXPECT_TRUE(has(outcome.out, "\nvents: muscle_1 "));
-  EXPECT_FALSE(has(outcome.out, "fault"));
-}
-
 TEST(RegulatorSet, VentsIfItsGuardIsStoppedOrHasEnded) {
   for (const int number : {SIGSTOP, SIGKILL}) {
     EmulatedDevice device(deviceConfig());
@@ -216,14 +185,6 @@ TEST(RegulatorSet, VentsIfItsGuardIsStoppedOrHasEnded) {
     if (number == SIGSTOP) kill(guard, SIGCONT);
     EXPECT_TRUE(eventually([&] { return hasEnded(guard); }));
   }
-}
-
-TEST(RegulatorSet, WithoutADeviceItSaysWhy) {
-  const Outcome outcome = run(freePort(), {"set", "--pressure-kpa", "100,0,50", "--yes", "--format",
-                                           "json", "--set", "safety.vent_time_s=0.5"});
-  EXPECT_EQ(outcome.exit_code, 1);
-  EXPECT_TRUE(has(outcome.json()["reason"], "Connection refused"));
-  EXPECT_EQ(outcome.json()["state"], "disabled");
 }
 
 // A guard that is not dismissed tries to reach the device for longer than it is waited for here.
@@ -319,21 +280,6 @@ TEST(RegulatorGuard, TriesUntilTheDeviceIsThere) {
   EXPECT_GT(device->taken(), 0u);
 }
 
-TEST(RegulatorGuard, WhatItCannotVentIsNamedWithTheRemedyForTheAir) {
-  EmulatedDevice device(deviceConfig());
-  fill(device);
-  device.setFault(DeviceFault::kStuckValue);
-  Process guard(words(at(device.port(), {"guard", "--set", "safety.vent_time_s=0.3"})));
-  guard.endInput();
-  EXPECT_EQ(guard.exitCode(), 1);
-  const std::string said = guard.outputNow();
-  EXPECT_TRUE(has(said, " is NOT vented: muscle_1 still has "));
-  EXPECT_TRUE(has(said,
-                  "; the arm may be under pressure: shut the supply, open the relief valve by "
-                  "hand, then `helix_arm regulator " +
-                      scenePath("demo_modbus") + " vent`\n"));
-}
-
 TEST(RegulatorEmulate, ReplacesTheDevice) {
   const int port = freePort();
   Process device(words(at(port, {"emulate"})));
@@ -350,32 +296,6 @@ TEST(RegulatorEmulate, ReplacesTheDevice) {
   EXPECT_EQ(device.exitCode(0.2), -1);
   device.signal(SIGINT);
   EXPECT_EQ(device.exitCode(), 0);
-}
-
-TEST(RegulatorEmulate, ASerialDeviceIsALinkToATerminal) {
-  const TemporaryFolder folder;
-  const std::string path = folder / "line";
-  const std::string scene = folder / "scene.yaml";
-  std::string text = contentOf(scenePath("demo_modbus"));
-  text.erase(text.find("regulator:\n"));
-  text +=
-      "regulator:\n  ascii_serial: {profile: alicat, device: " + path + ", addresses: [A, B, C]}\n";
-  std::ofstream(scene) << text;
-  Process device(words({"regulator", scene, "emulate"}));
-  ASSERT_TRUE(device.prints("emulates ascii_serial alicat at " + path)) << device.outputNow();
-  const Outcome probe = runCommand({"regulator", scene, "probe", "--format", "json"});
-  ASSERT_EQ(probe.exit_code, 0) << probe.err;
-  EXPECT_EQ(probe.json()["channels"][1]["address"], "B");
-  EXPECT_NEAR(probe.json()["channels"][2]["pressure_pa"].get<double>(), 0, 5e3);
-  device.signal(SIGTERM);
-  EXPECT_EQ(device.exitCode(), 0);
-  EXPECT_FALSE(std::filesystem::is_symlink(path));
-}
-
-TEST(RegulatorEmulate, EndsAfterItsTimeAndRefusesAPortInUse) {
-  EXPECT_EQ(run(freePort(), {"emulate", "--seconds", "0.1"}).exit_code, 0);
-  const EmulatedDevice device(deviceConfig());
-  expectCallerError(run(device.port(), {"emulate"}), "cannot listen at 127.0.0.1");
 }
 
 // Two programs that use one device: the second is told which process has it, and the first is not
@@ -400,16 +320,6 @@ TEST(Regulator, TheSecondLearnsWhoHasTheDeviceAndTheFirstContinues) {
   first.signal(SIGKILL);
   EXPECT_TRUE(eventually([&] { return fullest(device) < kEmpty; }, 30.0));
   EXPECT_TRUE(eventually([&] { return run(device.port(), {"vent"}).exit_code == 0; }, 30.0));
-}
-
-TEST(Regulator, OfASimulatedSceneNeedsNoLeave) {
-  const Outcome outcome = runCommand({"regulator", scenePath("demo"), "set", "--pressure-kpa",
-                                      "50,0,50", "--seconds", "0.5", "--format", "csv"});
-  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-  const auto rows = csvRows(outcome.out);
-  ASSERT_EQ(rows.size(), 4u);
-  EXPECT_EQ(rows[0], (std::vector<std::string>{"name", "target_pa", "pressure_pa", "state"}));
-  EXPECT_EQ(rows[1][3], "vented");
 }
 
 }  // namespace

@@ -13,8 +13,6 @@ import unittest
 from pathlib import Path
 
 COMMAND = None
-SCENE = Path(__file__).resolve().parents[2] / "config/scenes/demo_serial.yaml"
-PROFILE = SCENE.parents[1] / "regulators/generic.yaml"
 
 
 class Session(unittest.TestCase):
@@ -67,26 +65,6 @@ class Session(unittest.TestCase):
         (run / "data/tag_poses.csv").write_text("")
         self.assertEqual(self.rerun(run)[0], 2)
         self.assertIn("tag_poses.csv has changed since the run", self.rerun(run)[1])
-
-    def test_a_profile_counts_as_part_of_its_scene(self):
-        rigs = self.folder / "rigs"
-        rigs.mkdir()
-        shutil.copy(str(PROFILE), str(rigs / "board.yaml"))
-        (rigs / "arm.yaml").write_text(SCENE.read_text().replace("profile: generic", "profile: ./board.yaml"))
-        _, record, call = self.keep("simulate", "rigs/arm.yaml", "--out", "one", "--count", 1)
-        self.assertEqual(call.returncode, 0, call.stderr)
-        both = (rigs / "arm.yaml").read_bytes() + (rigs / "board.yaml").read_bytes()
-        self.assertEqual(record["scene_sha256"], hashlib.sha256(both).hexdigest())
-
-    def test_data_on_stdin_and_a_shipped_scene_that_changed_since(self):
-        run, record, _ = self.keep("simulate", "demo", "--inputs", "-", "--out", "one", given=b"pressure_1_kpa\n100\n")
-        self.assertEqual(self.rerun(run)[0], 0)
-        older = (run / "demo.yaml").read_bytes() + b"# older\n"
-        (run / "demo.yaml").write_bytes(older)
-        record["inputs"][0]["sha256"] = hashlib.sha256(older).hexdigest()
-        (run / "session.json").write_text(json.dumps(record))
-        code, result = self.rerun(run)
-        self.assertEqual((code, {each["file"] for each in result["differences"]}), (1, {"out/one/scene.yaml"}))
 
     def test_a_run_that_fails_is_kept_with_its_code(self):
         run, record, call = self.keep("follow", "demo", "--tip", ";".join(["0.36,0.03,"] * 60))

@@ -124,19 +124,6 @@ TEST(Simulate, PositionsHaveTheNoiseOfTheScene) {
   EXPECT_NEAR(std::sqrt(squares / 2400), 0.01, 0.01 * 4 / std::sqrt(2 * 2400.0));
 }
 
-TEST(Simulate, PressuresOfATableAreThoseOfTheCaptures) {
-  const TemporaryFolder folder;
-  const TemporaryFile table("pressure_1_kpa,pressure_3_kpa\n10,20\n0,413\n"),
-      beyond("pressure_1_kpa\n500\n");
-  ASSERT_EQ(simulate(scenePath("demo"), folder / "rig", {"--inputs", table.path()}).exit_code, 0);
-  const auto truth = tableOf(folder / "rig/truth.csv");
-  ASSERT_EQ(truth.size(), 2u);
-  EXPECT_EQ(truth[1].at("pressure_2_kpa"), 0);
-  EXPECT_NEAR(truth[1].at("pressure_3_kpa"), 413.0, 1e-9);
-  EXPECT_TRUE(has(simulate(scenePath("demo"), folder / "other", {"--inputs", beyond.path()}).err,
-                  ":2 is beyond the limits of muscle_1"));
-}
-
 TEST(Simulate, TheSeedDecidesEveryFile) {
   const TemporaryFolder folder;
   const std::string first = folder / "first", again = folder / "again", other = folder / "other";
@@ -147,22 +134,6 @@ TEST(Simulate, TheSeedDecidesEveryFile) {
     EXPECT_EQ(contentOf(first + "/" + name), contentOf(again + "/" + name)) << name;
     EXPECT_NE(contentOf(first + "/" + name), contentOf(other + "/" + name)) << name;
   }
-}
-
-TEST(Simulate, WhatTheSceneLeavesOutIsNotWritten) {
-  const TemporaryFile bare(kBareRodScene), tags(kBareRodScene + kTags);
-  const TemporaryFolder folder;
-  const std::string first = folder / "bare", second = folder / "deep/tags";
-  const Outcome none = runCommand({"simulate", bare.path(), "--out", first});
-  ASSERT_EQ(none.exit_code, 0) << none.err;
-  EXPECT_NE(none.out.find("no pictures: the scene has no tags"), std::string::npos) << none.out;
-  EXPECT_EQ(namesIn(first), (std::set<std::string>{"scene.yaml", "truth.csv"}));
-  EXPECT_EQ(tableOf(first + "/truth.csv").size(), 20u);
-
-  const Outcome unseen = runCommand({"simulate", tags.path(), "--out", second});
-  ASSERT_EQ(unseen.exit_code, 0) << unseen.err;
-  EXPECT_NE(unseen.out.find("no pictures: the scene has no camera"), std::string::npos);
-  EXPECT_EQ(namesIn(second), (std::set<std::string>{"scene.yaml", "truth.csv", "tag_poses.csv"}));
 }
 
 }  // namespace

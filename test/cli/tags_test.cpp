@@ -177,16 +177,6 @@ TEST(Tags, OfEveryShippedSceneAreReadBackFromThePrintInTheirSize) {
   EXPECT_EQ(scenes, 4);
 }
 
-TEST(Tags, OfEveryFamilyAreReadBackFromThePrint) {
-  int number = 0;
-  for (const std::string& family : vision::TagFamily::names()) {
-    if (!test::isDrawn(number++, 3)) continue;
-    const Printed printed({scenePath("demo"), "--set", "tags.family=" + family, "--set",
-                           "vision.max_hamming=0", "--set", "tags.size_m=0.02"});
-    EXPECT_EQ(idsRead(printed, family, 20), idsOf(io::loadScene(scenePath("demo")))) << family;
-  }
-}
-
 // The demo's scene with so many tags of a size [m], spread over its muscles, in this file.
 void writeCrowded(const std::string& path, int tags, double size, const std::string& family) {
   std::string demo = contentOf(scenePath("demo"));
@@ -263,31 +253,6 @@ TEST(Tags, ManyOrLargeTagsLieWithinTheMarginsAndNothingOverlaps) {
       EXPECT_EQ(titles, std::count_if(words.begin(), words.end(),
                                       [](const auto& page) { return page[1].text == "where"; }))
           << "the table begins anew on each of its pages";
-    }
-  }
-}
-
-// Length of the longest run of ink along a row [mm].
-double longestRun(const cv::Mat& picture) {
-  int longest = 0;
-  for (int row = 0; row < picture.rows; ++row) {
-    for (int column = 0, run = 0; column < picture.cols; ++column) {
-      run = picture.at<unsigned char>(row, column) < 250 ? run + 1 : 0;
-      longest = std::max(longest, run);
-    }
-  }
-  return longest * kMillimetresPerPixel;
-}
-
-TEST(Tags, PagesToCutAndBoardsHaveTwoRulersOf100Mm) {
-  for (const auto& [paper, size] : kPapers) {
-    const Printed printed({scenePath("demo"), "--board", "--paper", paper});
-    const std::vector<cv::Mat>& pages = printed.pages;
-    for (const cv::Mat& page : {pages.front(), pages.back()}) {
-      const int left = static_cast<int>(20 / kMillimetresPerPixel);
-      const int footer = static_cast<int>(22 / kMillimetresPerPixel);
-      EXPECT_NEAR(longestRun(page.rowRange(page.rows - footer, page.rows)), 100.1, kTolerance);
-      EXPECT_NEAR(longestRun(page.colRange(0, left).t()), 100.1, kTolerance);
     }
   }
 }
@@ -403,44 +368,6 @@ TEST(Tags, CharucoBoardsAreReadBackFromThePrint) {
   EXPECT_NE(printed.text().find("ChArUco board: DICT_APRILTAG_36h11, 5 x 7 squares of 31 mm, "
                                 "markers of 20 mm"),
             std::string::npos);
-}
-
-TEST(Tags, ABoardWithASceneIsOnePageMore) {
-  const TemporaryFolder folder;
-  const auto pagesOf = [&folder](std::vector<std::string> words) {
-    words.insert(words.begin(), {"tags", "--out", folder / "tags.pdf"});
-    words.emplace_back("--all-tags");
-    return resultOf(words)["pages"].get<std::size_t>();
-  };
-  const Printed both({scenePath("demo"), "--board"});
-  EXPECT_EQ(both.pages.size(), 4U);
-  EXPECT_NE(both.text().find("page 4 of 4"), std::string::npos);
-  EXPECT_NE(both.text().find("Calibration board"), std::string::npos);
-  // What follows --board is a scene unless it is a kind of board.
-  EXPECT_EQ(pagesOf({"--board", scenePath("demo")}), both.pages.size());
-  if (!test::isFullSize()) return;
-  EXPECT_EQ(pagesOf({scenePath("demo")}), 3U);
-  EXPECT_EQ(pagesOf({scenePath("demo"), "--board", "charuco"}), both.pages.size());
-  EXPECT_EQ(pagesOf({"--board", "tags", scenePath("demo")}), both.pages.size());
-}
-
-TEST(Tags, FormatsTellWhatWasPrinted) {
-  const TemporaryFolder folder;
-  const std::string out = folder / "tags.pdf";
-  const json told = resultOf({"tags", "--out", out, scenePath("helical_50"), "--board"});
-  const json board{{"family", "36h11"}, {"first_id", 557}, {"columns", 5},
-                   {"rows", 6},         {"size_m", 0.028}, {"pitch_m", 0.036}};
-  const json expected{
-      {"scene", "helical_50"}, {"family", "36h11"}, {"size_m", 0.031}, {"board", board},
-      {"paper", "a4"},         {"pages", 3},        {"out", out}};
-  EXPECT_EQ(told["ids"], json({10, 11, 30, 31, 6, 7, 8, 9}));
-  for (const auto& [key, value] : expected.items()) EXPECT_EQ(told[key], value) << key;
-  const json alone = resultOf({"tags", "--out", out, "--board", "--paper", "letter"});
-  const json nothing{{"scene", nullptr},     {"family", nullptr}, {"size_m", nullptr},
-                     {"ids", json::array()}, {"paper", "letter"}, {"pages", 1}};
-  for (const auto& [key, value] : nothing.items()) EXPECT_EQ(alone[key], value) << key;
-  EXPECT_EQ(runCommand({"tags", "--out", out, scenePath("demo"), "--format", "csv"}).out,
-            "scene,tags,size_m,board,paper,pages,out\ndemo,10,0.031,0,a4,2," + out + "\n");
 }
 
 TEST(Tags, ThatNoShapeShowsAreLeftOutUnlessAllAreAskedFor) {

@@ -51,43 +51,12 @@ TEST(Text, ListsOfObjectsAreTables) {
             "  k1      -\n");
 }
 
-TEST(Text, ListsOfActuatorsAreOneTable) {
-  EXPECT_EQ(textOf({{"actuators", {"a", "b"}}, {"pressure_pa", {1e3, json()}}, {"pair", {1, 2}}}),
-            "pair  1, 2\n"
-            "actuators:\n"
-            "  name  pressure [kPa]\n"
-            "  a                  1\n"
-            "  b                  -\n");
-}
-
-TEST(Text, LongWordsAndTablesInTablesStandBelowTheirRow) {
-  const std::string remedy(60, 'x');
-  EXPECT_EQ(textOf({{"frames", {{{"file", "a"}, {"remedy", remedy}, {"tags", {{{"id", 3}}}}}}}}),
-            "frames:\n"
-            "  file\n"
-            "  a\n"
-            "      tags:\n"
-            "        id\n"
-            "         3\n"
-            "      remedy  " +
-                remedy + "\n");
-}
-
 TEST(Text, ALineHasAllInItsOrder) {
   EXPECT_EQ(cli::lineOf({{"tip_m", {0.1, 0.2}},
                          {"status", "reached"},
                          {"reason", json()},
                          {"limits", {{{"actuator", "a"}}, {{"actuator", "b"}}}}}),
             "status reached; tip 100.000, 200.000 mm; limits actuator a, actuator b");
-}
-
-TEST(Text, WordsFromOutsideMakeNoLineOfTheirOwn) {
-  EXPECT_EQ(textOf({{"file", "a\nerror: forged"}}).find("\nerror"), std::string::npos);
-}
-
-TEST(Text, KeysAreLeftOutAtAnyDepth) {
-  EXPECT_EQ(cli::without({{"a", 1}, {"b", {{"a", 2}, {"c", {{{"a", 3}, {"d", 4}}}}}}}, {"a"}),
-            (json{{"b", {{"c", {{{"d", 4}}}}}}}));
 }
 
 }  // namespace

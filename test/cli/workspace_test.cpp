@@ -20,7 +20,6 @@
 #include "support/process.hpp"
 #include "support/temporary_file.hpp"
 #include "support/temporary_folder.hpp"
-#include "support/test_size.hpp"
 
 namespace helix_arm::test {
 namespace {
@@ -185,106 +184,6 @@ TEST(Workspace, TheSameSeedGivesTheSameFileWhateverTheThreads) {
   EXPECT_TRUE(slow("exact", "21", "1") == slow("exact", "21", "4"));
 }
 
-TEST(Workspace, ResultsGoToStdoutAndProgressToStderr) {
-  const TemporaryFolder folder;
-  const std::vector<std::string> command{"workspace", scenePath("spatial_50"), "--count", "400000"};
-  for (const char* format : {"json", "csv", "text"}) {
-    auto arguments = command;
-    arguments.insert(arguments.end(), {"--format", format});
-    const Outcome outcome = runCommand(arguments);
-    EXPECT_EQ(outcome.exit_code, 0);
-    EXPECT_FALSE(has(outcome.out, " left"));
-    std::istringstream lines(outcome.err);
-    int told = 0;
-    for (std::string line; std::getline(lines, line); ++told) {
-      EXPECT_TRUE(has(line, " %, "));
-      EXPECT_TRUE(has(line, " points/s, "));
-    }
-    EXPECT_EQ(told, 10) << outcome.err;
-    EXPECT_TRUE(has(outcome.err, "100 %"));
-  }
-  EXPECT_TRUE(has(runCommand(command).out, "\nreach  "));
-}
-
-TEST(Workspace, WhereTheLoadHasNoBalanceIsLeftOut) {
-  const TemporaryFolder folder;
-  const std::string path = folder / "cloud.ply";
-  const auto under = [&path](const std::string& mass_kg) {
-    return workspace(scenePath("loaded"),
-                     {"--out", path, "--count", "400", "--tier", "loaded", "--order", "2", "--set",
-                      "arm.base.rpy_deg=[0, -90, 0]", "--set", "load.mass_kg=" + mass_kg});
-  };
-  const Outcome some = under("8");
-  ASSERT_EQ(some.exit_code, 0) << some.err;
-  const int unbalanced = some.json()["unbalanced"];
-  EXPECT_GT(unbalanced, 10);
-  EXPECT_LT(unbalanced, 390);
-  EXPECT_EQ(some.json()["count"], 400);
-  EXPECT_EQ(readPly(path).vertices, 400u - static_cast<unsigned>(unbalanced));
-
-  fs::remove(path);
-  const Outcome none = under("40");
-  EXPECT_EQ(none.exit_code, 1);
-  const nlohmann::json result = none.json();
-  EXPECT_EQ(result["unbalanced"], 400);
-  EXPECT_EQ(result["failure"], "no shape balances the load at any sampled input");
-  for (const char* key :
-       {"bounds_m", "reach_m", "sampled_bounds_m", "sampled_reach_m", "out", "sensitivity"}) {
-    EXPECT_TRUE(result[key].is_null()) << key;
-  }
-  EXPECT_EQ(namesIn(folder.path()), std::set<std::string>{});
-}
-
-TEST(Workspace, APictureIsDrawnOfIt) {
-  const TemporaryFolder folder;
-  for (const std::string scene : {"planar_76", "helical_50"}) {
-    const std::string path = folder / (scene + ".png");
-    const Outcome outcome =
-        workspace(scenePath(scene), {"--png", path, "--count", "5000", "--sensitivity"});
-    ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-    EXPECT_EQ(outcome.json()["png"], path);
-    const std::string bytes = contentOf(path);
-    EXPECT_EQ(bytes.substr(1, 3), "PNG");
-    EXPECT_GT(bytes.size(), 30000u);
-  }
-  EXPECT_EQ(namesIn(folder.path()), (std::set<std::string>{"planar_76.png", "helical_50.png"}));
-}
-
-TEST(Workspace, PointsThatCannotBeDrawnAreToldAndKept) {
-  const TemporaryFolder folder;
-  const std::string points = folder / "p.csv";
-  const Outcome outcome = workspace(scenePath("helical_50"),
-                                    {"--count", "1", "--out", points, "--png", folder / "p.png"});
-  EXPECT_EQ(outcome.exit_code, 2);
-  EXPECT_TRUE(has(outcome.err,
-                  "p.png has nothing to draw: the 1 tip is a line or a point; sample "
-                  "more with --count, or leave out --png"));
-  const nlohmann::json result = outcome.json();
-  EXPECT_EQ(result["count"], 1);
-  EXPECT_EQ(result["out"], points);
-  EXPECT_TRUE(result["png"].is_null());
-  EXPECT_EQ(csvRows(contentOf(points)).size(), 2u);
-  EXPECT_EQ(namesIn(folder.path()), std::set<std::string>{"p.csv"});
-}
-
-TEST(Workspace, TheOrderInCsvIsThatOfTheLoadedTierElseEmpty) {
-  const std::vector<std::string> call{
-      "workspace", scenePath("loaded"), "--count", "10", "--format", "csv", "--tier"};
-  const auto order = [&call](const std::vector<std::string>& tier) {
-    return csvColumn(runCommand(call, tier).out, "order");
-  };
-  EXPECT_EQ(order({"linear"}), std::vector<std::string>{""});
-  EXPECT_EQ(order({"loaded", "--order", "3"}), std::vector<std::string>{"3"});
-}
-
-TEST(Workspace, TendonsHaveAColumnInRadians) {
-  const TemporaryFile pulled(kPulledScene);
-  const TemporaryFolder folder;
-  const Outcome outcome = workspace(pulled.path(), {"--count", "100", "--out", folder / "p.csv"});
-  EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
-  EXPECT_EQ(csvRows(contentOf(folder / "p.csv"))[0][0], "input_1_rad");
-}
-
 constexpr std::chrono::seconds kGenerous{120};  // on a busy machine
 
 // Interrupts it once so many files are in the folder.
@@ -297,15 +196,6 @@ void interrupt(Process& process, int signal, const TemporaryFolder& folder, std:
   ASSERT_EQ(namesIn(folder.path()).size(), files) << "it never began: " << process.output();
   process.signal(signal);
   EXPECT_EQ(process.exitCode(), 130);
-}
-
-// A point takes a tenth of a second where the load nearly crushes the arm; all of them take hours.
-TEST(Workspace, InterruptedItEndsSoonInTheSlowestTier) {
-  const TemporaryFolder folder;
-  Process process({HELIX_ARM_COMMAND, "workspace", scenePath("loaded"), "--out",
-                   folder / "cloud.csv", "--tier", "exact", "--sensitivity", "--set",
-                   "load.tip.force_n=[0, 0, 1e3]"});
-  interrupt(process, SIGINT, folder, 1);
 }
 
 TEST(Workspace, InterruptedItLeavesWhatWasThere) {
@@ -382,23 +272,6 @@ TEST(Trade, MeasuresSightOnRenderedPictures) {
   EXPECT_GE(settingsOf(rows, "fit").size(), 5u);
   const double error = rowOf(rows, "whole picture", "quad_decimate 1")["tip_error_percent"];
   EXPECT_LT(error, 1.0);
-}
-
-TEST(Trade, SaysWhatItCouldNotMeasure) {
-  const Outcome outcome =
-      runCommand({"trade", scenePath("helical_50"), "--no-files", "--format", "json"});
-  ASSERT_EQ(outcome.exit_code, 0);
-  EXPECT_NE(outcome.json()["notes"].dump().find("no camera"), std::string::npos);
-  EXPECT_TRUE(settingsOf(outcome.json()["rows"], "sight").empty());
-}
-
-TEST(Trade, ATierWithoutShapesLeavesSightOutAndSaysSo) {
-  const json result =
-      resultOf({"trade", scenePath("loaded"), "--set", "load.tip.force_n=[0, 0, 100]", "--set",
-                "tier=loaded", "--set", "order=2", "--no-files", "--pictures", "2"});
-  EXPECT_NE(result["notes"].dump().find("finds no shape to start from"), std::string::npos);
-  EXPECT_TRUE(settingsOf(result["rows"], "sight").empty());
-  EXPECT_EQ(settingsOf(result["rows"], "model").count({"exact", ""}), 1u);
 }
 
 TEST(Trade, WritesTableReportAndPicture) {

@@ -369,16 +369,6 @@ TEST(Calibration, LeastTipErrorIsAtItsValley) {
   }
 }
 
-TEST(Calibration, LeastTipErrorIsNothingWhereItHasNoValley) {
-  // The less the arm resists the better: it bends more than any of its kind can.
-  const model::Arm straight = test::ringArm(test::straightRing());
-  ArmCaptures data = dataOf(straight);
-  for (const double kpa : {0.0, 100.0, 200.0}) {
-    test::addCapture(data, Eigen::Vector3d(1e3 * kpa, 0, 0), CurvatureReading{0.1 * kpa});
-  }
-  EXPECT_FALSE(fitLeastTipError({data}));
-}
-
 // What cannot be calibrated, and the words that tell why.
 TEST(Calibration, RefusesWithAReason) {
   using Status = CalibrationStatus;
@@ -461,23 +451,6 @@ TEST(Calibration, RefusesWithAReason) {
   }
 }
 
-TEST(Calibration, TagsThatAreAllWrongAreNoAnswer) {
-  const model::Arm known = test::ringArm(test::helicalRing());
-  Random random(14);
-  ArmCaptures data = poses(known, test::sampleLayout(1, 8), known, 0.001, random);
-  int i = 0;
-  for (Capture& capture : data.captures) {
-    // Two of eight are where they should be; the rest is anywhere within metres.
-    for (PoseObservation& seen : std::get<std::vector<PoseObservation>>(capture.reading)) {
-      if (++i % 4 == 0) continue;
-      for (int axis = 0; axis < 3; ++axis) seen.X_BT.translation[axis] += 3 * random.normal();
-    }
-  }
-  const Calibration found = calibrate({data}, {});
-  EXPECT_NE(found.status, CalibrationStatus::kCalibrated);
-  EXPECT_FALSE(found.reason.empty());
-}
-
 // Corners of a rig of which everything is wrong, at the twelve pressures.
 ArmCaptures wrongRig(double noise, const ArmView& view = test::sampleView(0.8, 1, 8)) {
   const model::Arm known = test::ringArm(test::helicalRing());
@@ -521,32 +494,6 @@ TEST(ParametersAlone, AreThoseWithErrors) {
   CalibrationOptions placements;
   placements.base = placements.tags = placements.border_shift = placements.free_shapes = true;
   expectSameValues(wrongRig(0.3), placements);
-}
-
-TEST(ParametersAlone, HaveNothingElse) {
-  const Calibration found = calibrated({wrongRig(0.3)}, alone({}));
-  for (const Parameter& one : found.parameters) {
-    EXPECT_TRUE(std::isnan(one.standard_error)) << one.name;
-    EXPECT_FALSE(one.identifiable) << one.name;
-  }
-  EXPECT_EQ(found.correlation.size(), 0);
-  EXPECT_TRUE(found.combinations.empty());
-  EXPECT_TRUE(found.next_pressures.empty());
-  EXPECT_TRUE(found.held_out_shapes.empty());
-  EXPECT_FALSE(found.by_pressure || found.by_arm);
-  for (const CaptureResidual& one : found.captures) EXPECT_FALSE(one.gain);
-}
-
-TEST(ParametersAlone, AreAtTheOptimumEvenIfNothingDeterminesThem) {
-  // Shear hardly affects an untilted arm.
-  const model::Arm known = test::ringArm(test::straightRing()), truth = scaled(known, 1.2, 1.0);
-  const ArmCaptures data = twists(known, truth, 1e-4);
-  const Calibration found = calibrated({data}, alone({}));
-  ASSERT_EQ(found.parameters.size(), 2u);
-  const model::Stiffness stiffness = truth.actuator(0).stiffness;
-  EXPECT_NEAR(found.parameters[0].value / stiffness.kappa, 1, 1e-4);
-  EXPECT_NEAR(found.parameters[1].value / stiffness.gamma, 1, 1e-4);  // that of its prior
-  EXPECT_FALSE(parameter(calibrate({data}, {}), "K_gamma").identifiable);
 }
 
 constexpr statics::TierSetting kLoaded{statics::Tier::kLoaded, 5};
@@ -679,38 +626,6 @@ TEST(LoadedCalibration, FreeShapesKeepWhatTheLoadBends) {
   data.load.reset();
   const Calibration ignorant = calibrate({data}, options);
   EXPECT_GT(ignorant.rms, 100 * found.rms);
-}
-
-TEST(LoadedCalibration, KEpsWithoutALoadIsRefused) {
-  Random random(35);
-  const LoadedRig rig;
-  ArmCaptures data = rig.poses(0.002, random);
-  CalibrationOptions options;
-  options.K_eps = true;
-  data.tier = {statics::Tier::kLinear, 0};
-  const Calibration other_tier = calibrate({data}, options);
-  EXPECT_EQ(other_tier.status, CalibrationStatus::kNothingToFit);
-  EXPECT_TRUE(test::has(other_tier.reason, "K_eps"));
-  data.tier = kLoaded;
-  data.load.reset();
-  EXPECT_EQ(calibrate({data}, options).status, CalibrationStatus::kNothingToFit);
-}
-
-TEST(LoadedCalibration, ALoadThatNoShapeBalancesIsNamed) {
-  // One centred muscle resists no moment about its axis.
-  test::Ring ring = test::straightRing(1);
-  ring.radius = 0;
-  ArmCaptures data = dataOf(test::ringArm(ring));
-  data.load = test::horizontalLoad();
-  data.load->points.front().moment = {0.1, 0, 0};
-  data.tier = kLoaded;
-  for (const double pressure : {0.0, 1e5, 2e5}) {
-    test::addCapture(data, Eigen::VectorXd::Constant(1, pressure), CurvatureReading{0.1});
-  }
-  const Calibration found = calibrate({data}, {});
-  EXPECT_EQ(found.status, CalibrationStatus::kBadData);
-  EXPECT_TRUE(test::has(found.reason,
-                        "capture 1: at 0 kPa the model finds no shape that balances the load"));
 }
 
 }  // namespace

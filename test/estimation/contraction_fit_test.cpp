@@ -152,16 +152,6 @@ TEST(ContractionFit, ForAnySamplesTheCurveIsMonotoneOrThereIsAReason) {
   EXPECT_GT(constrained, 500);
 }
 
-TEST(ContractionFit, TableIsTheSamplesWhereTheyAreMonotone) {
-  const Samples samples{{300e3, 0.35}, {20e3, 0.44}, {100e3, 0.41}};
-  const ContractionFit fit = fitContraction(samples, {CurveKind::kTable, Branch::kBoth});
-  ASSERT_EQ(fit.status, ContractionFitStatus::kFitted) << fit.reason;
-  EXPECT_EQ(fit.pressures, (std::vector<double>{20e3, 100e3, 300e3}));
-  EXPECT_EQ(fit.lengths, (std::vector<double>{0.44, 0.41, 0.35}));
-  EXPECT_FALSE(fit.constrained);
-  EXPECT_EQ(fit.rms, 0);
-}
-
 TEST(ContractionFit, TablePoolsWhatTurnsBackWeightedByItsRepeats) {
   // 0.40 twice, then 0.43 once: a mean of 0.41 each, except for the smallest slope.
   const Samples samples{{0, 0.5}, {100e3, 0.39}, {100e3, 0.41}, {200e3, 0.43}, {300e3, 0.3}};
@@ -175,19 +165,6 @@ TEST(ContractionFit, TablePoolsWhatTurnsBackWeightedByItsRepeats) {
   EXPECT_NEAR(2 * fit.lengths[1] + fit.lengths[2], 3 * 0.41, 1e-15);
   EXPECT_LT(fit.lengths[2], fit.lengths[1]);
   EXPECT_EQ(fit.lengths[3], 0.3);
-}
-
-TEST(ContractionFit, OrderAndRepeatsDoNotMatter) {
-  Samples samples = kinkedSamples(150e3, 12);
-  const ContractionFit once = fitContraction(samples);
-  Samples twice = samples;
-  twice.insert(twice.end(), samples.rbegin(), samples.rend());
-  const ContractionFit again = fitContraction(twice);
-  ASSERT_TRUE(once.curve && again.curve);
-  EXPECT_NEAR(again.rms, once.rms, 1e-12);
-  for (int i = 0; i <= 100; ++i) {
-    EXPECT_NEAR(again.curve->length(4e3 * i), once.curve->length(4e3 * i), 1e-10);
-  }
 }
 
 // Up and down again, longer by 4 mm on the way up except where it turns.

@@ -194,13 +194,6 @@ TEST(ResponseFit, WhatIsFoundInOneTrialWithCreepHasFiniteErrors) {
   EXPECT_GE(found, 30);
 }
 
-TEST(ResponseFit, TooFewReadingsAreNamed) {
-  Series series = levels({}, 1, 10);
-  const ResponseFit fit = fitResponse(series.history, series.shortening);
-  EXPECT_FALSE(fit.fitted());
-  EXPECT_TRUE(test::has(fit.failure, "expected at least"));
-}
-
 // Steps of pressure of a two-section arm of six chambers (ASU-RISE-Lab, MIT licence). Static, the
 // tip across is off by 13 mm; with a lag by less than 4 mm, where repeats differ by 2.0 mm. Plays
 // do not predict left-out trials better and are left out.

@@ -174,17 +174,5 @@ TEST(BaseWatch, AMoveSinceEarlierPicturesIsNamedSooner) {
   }
 }
 
-TEST(RigMemory, HasNothingToLearnWhereNothingIsFitted) {
-  TwistFitOptions options = freeRig();
-  options.free_base = options.free_border_shift = false;
-  RigMemory memory(options, Matrix::Zero());
-  EXPECT_TRUE(memory.isHeld());
-  TwistFit fit;
-  fit.status = FitStatus::kConverged;
-  fit.twists = model::Twists::Zero(6, 1);
-  memory.learn(fit);
-  EXPECT_TRUE(memory.estimate().mean.isZero(0));
-}
-
 }  // namespace
 }  // namespace helix_arm::estimation

@@ -283,25 +283,6 @@ TEST(SeriesFit, IntervalsHoldTheTruth) {
   EXPECT_TRUE(held < count || !test::isFullSize());
 }
 
-// A guess whose muscles shorten to almost nothing, and a series that asks for still shorter ones.
-TEST(SeriesFit, KeepsLengthsAboveZero) {
-  TipSeries series = seriesOf({}, 9);
-  series.position.rowwise() -= series.position.row(0);
-  series.position *= 20;
-  const SeriesFit fit = fitSeries(guess({0.19, 0.1, 0.01}), series, everything());
-  ASSERT_EQ(fit.failure, "");
-  for (const double length : fit.curves.front().length) EXPECT_GT(length, 0);
-}
-
-TEST(SeriesFit, RefusesWhatHoldsNoMotion) {
-  TipSeries series = seriesOf({}, 7);
-  series.history.input.setConstant(1e4);
-  EXPECT_NE(fitSeries(guess(), series, everything()).failure.find("pressures that differ"),
-            std::string::npos);
-  series.history.time.clear();
-  EXPECT_NE(fitSeries(guess(), series, everything()).failure.find("time_s"), std::string::npos);
-}
-
 TEST(CompareSeries, TellsOffsetsRestAndMotion) {
   Truth truth;
   truth.offset = 0.002;

@@ -264,13 +264,5 @@ TEST_F(TipComplianceTest, AnArmOfUnknownKEpsCountsAsATypicalOne) {
   EXPECT_EQ(unknown.atTip(), typical.atTip());
 }
 
-TEST(TipCompliance, ManySectionsHaveThePlaceAtTheTipAlone) {
-  TipCompliance four(modelOf(4)), five(modelOf(5));
-  EXPECT_EQ(four.places().size(), 16u);
-  ASSERT_EQ(five.places().size(), 1u);
-  EXPECT_EQ(five.places()[0].section, 4);
-  EXPECT_EQ(five.places()[0].s, 1.0);
-}
-
 }  // namespace
 }  // namespace helix_arm::estimation

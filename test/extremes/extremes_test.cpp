@@ -315,44 +315,6 @@ TEST(Extremes, LoadedArmsAgreeWithTheExactOnes) {
   }
 }
 
-TEST(Extremes, DenormalLoadsAreNone) {
-  Family family("denormal loads", 1e-12, "of the length");
-  for (const int sections : {1, 3}) {
-    const Arm arm = ringArm(helicalRing(), sections);
-    const Twists twists = arm.twists(arm.inputAt(0.3));
-    const lie::SE3 unloaded = tipPose(twists);
-    for (const double value : {kDenormal, 1e-310, 3e-308}) {
-      for (int kind = 0; kind < 5; ++kind) {
-        Load load = evenLoad(sections, {0, 0, kind == 1 ? value : 9.81},
-                             kind == 0   ? value
-                             : kind == 1 ? 0.2
-                                         : 0.0,
-                             1000.0);
-        PointLoad tip{sections - 1};
-        if (kind == 2) tip.force = Vector3d::Constant(value);
-        if (kind == 3) tip.moment = Vector3d::Constant(value);
-        if (kind == 4) tip.mass = value;
-        tip.offset = Vector3d::Constant(value);
-        load.points = {tip};
-        const std::string place = text("%g, kind %d, %d sections", value, kind, sections);
-        const Solution truth = ExactArm(arm, load).solve(twists);
-        EXPECT_TRUE(truth.converged()) << place;
-        EXPECT_LE(truth.iterations, 3) << place;
-        family.add((truth.tip.translation - unloaded.translation).norm() / arm.restLength(), place);
-        for (int order = kLeastOrder; order <= kMostOrder; ++order) {
-          const Solution found = LoadedArm(arm, load, order).solve(twists);
-          EXPECT_TRUE(found.converged()) << place;
-          EXPECT_LE(found.iterations, 3) << place;
-          EXPECT_TRUE(found.shape.pieces().allFinite()) << place;
-          family.add((found.tip.translation - unloaded.translation).norm() / arm.restLength(),
-                     place);
-        }
-        EXPECT_EQ(chooseTier(arm, std::nullopt, load, {}).setting.tier, Tier::kLinear) << place;
-      }
-    }
-  }
-}
-
 // A column along x that hardly shortens or shears, pressed at its tip or by its own weight: Euler
 // and Greenhill say where the exact tier's shape leaves the axis, and orders find that shape or say
 // that they did not.

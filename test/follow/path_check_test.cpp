@@ -27,13 +27,6 @@ class PathCheck : public testing::Test {
     return checkPath(path, arm, solver, arm.inputAt(0.0),
                      {tolerance, Eigen::VectorXd::Constant(3, slew)});
   }
-  // Told to stop after so many places.
-  std::optional<PathRefusal> checkUntil(int most, const TipPath& path) {
-    asked = 0;
-    return checkPath(path, arm, solver, arm.inputAt(0.0),
-                     {kPathTolerance, Eigen::VectorXd::Constant(3, kSlew)},
-                     [this, most] { return ++asked > most; });
-  }
   Eigen::Vector3d tipAt(const Eigen::Vector3d& fractions) const {
     return arm.tip(arm.inputAt(fractions)).translation;
   }
@@ -127,14 +120,6 @@ TEST_F(PathCheck, OrientationsCountWhereThePathHasThem) {
   EXPECT_GT(refused->residual, 0.01) << "0.1 m per rad";
 }
 
-TEST_F(PathCheck, StopsAtTheNextPlaceWhenAskedTo) {
-  const TipPath far = straight(tipAt({0.5, 0.4, 0.4}), {1.0, 0.0, 0.0}, 100.0);
-  EXPECT_FALSE(checkUntil(1, far));
-  EXPECT_EQ(asked, 2);
-  EXPECT_TRUE(checkUntil(100'000, far));
-  EXPECT_GT(asked, 2);
-}
-
 // The arm rests, except for a moment in which it should be 0.3 m away.
 TEST_F(PathCheck, ASpikeOfAnyLengthIsFound) {
   const Eigen::Vector3d rest = tipAt({0.5, 0.4, 0.4}), away = rest + Eigen::Vector3d(0, 0.3, 0),
@@ -159,32 +144,6 @@ TEST_F(PathCheck, ASpikeOfAnyLengthIsFound) {
   ASSERT_TRUE(refused);
   EXPECT_EQ(refused->fault, PathFault::kUnreachable);
   EXPECT_NEAR(refused->time, 1.005, 1e-3);
-}
-
-TEST_F(PathCheck, APathOfMorePlacesThanAreCheckedIsRefused) {
-  const Eigen::Vector3d rest = tipAt({0.5, 0.4, 0.4}), away = rest + Eigen::Vector3d(0, 0.3, 0);
-  const auto refusalOf = [this](const TipPath& path) { return checkUntil(3, path); };
-  // Points 5 s apart around a spike.
-  const double middle = 5e5;
-  const auto refused = refusalOf(TipPath({{0.0, rest},
-                                          {middle - 2, rest},
-                                          {middle, away},
-                                          {middle + 2, rest},
-                                          {control::kLongestPath, rest}}));
-  ASSERT_TRUE(refused);
-  EXPECT_EQ(refused->fault, PathFault::kTooLong);
-  EXPECT_EQ(refused->time, control::kLongestPath);
-  EXPECT_EQ(asked, 0) << "no place is solved";
-  EXPECT_EQ(
-      refusalOf(straight(rest, rest, control::kLongestPath))->reason,
-      "the path takes 1000000 s and has 100000001 places to check, one for each point and at "
-      "least one every 10 ms and every 2 mm; expected at most 1000000, as in 10000 s; send it "
-      "in parts");
-  // The limit, from both sides: one place more than steps.
-  const double longest = kCheckStep * (kMostCheckPlaces - 1) - 1e-6;
-  EXPECT_TRUE(refusalOf(straight(rest, rest, longest + 2 * kCheckStep)));
-  EXPECT_FALSE(refusalOf(straight(rest, rest, longest)));
-  EXPECT_GT(asked, 3) << "only stopped";
 }
 
 // At times of no grid, with polynomials that turn between the points.
@@ -241,20 +200,6 @@ TEST(PathCheckOfRedundantArms, PressuresThatChangeLeastFollowWhereTheLowestJump)
     EXPECT_FALSE(checkPath(path, arm, other, start, {kPathTolerance, slew})) << lowest->reason;
   }
   EXPECT_GE(jumps, 3) << "the regime of this test";
-}
-
-TEST_F(PathCheck, RulesThatAreNoneAreRefused) {
-  const auto refusal = [&](double tolerance, const Eigen::VectorXd& slew) {
-    return test::refusal([&] {
-      checkPath(circle(8), arm, solver, arm.inputAt(0.0), {tolerance, slew});
-    });
-  };
-  EXPECT_EQ(refusal(0, Eigen::Vector3d(1, 1, 1)),
-            "path check: the tolerance [m] is 0; expected a finite value > 0");
-  EXPECT_EQ(refusal(0.002, Eigen::Vector2d(1, 1)),
-            "path check: the number of slew rates is 2; expected one per actuator");
-  EXPECT_EQ(refusal(0.002, Eigen::Vector3d(1, 0, 1)),
-            "path check: a slew rate [Pa/s] is 0; expected > 0");
 }
 
 }  // namespace

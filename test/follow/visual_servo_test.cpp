@@ -8,8 +8,6 @@
 #include <gtest/gtest.h>
 
 #include "support/allocation_counter.hpp"
-#include "support/expect_refusal.hpp"
-#include "support/has.hpp"
 #include "support/loop_bench.hpp"
 #include "support/paper_arm.hpp"
 #include "support/refusal.hpp"
@@ -253,14 +251,6 @@ TEST_F(Loop, TurnsWithoutAllocation) {
   EXPECT_EQ(counter.count(), 0u);
 }
 
-TEST_F(Loop, RefusesATargetThatIsNone) {
-  const double nan = std::numeric_limits<double>::quiet_NaN();
-  const std::string message =
-      test::refusal([&] { bench_.loop.aimAt(Eigen::Vector3d(0.3, nan, 0)); });
-  EXPECT_TRUE(test::has(message, "not finite"));
-  EXPECT_FALSE(bench_.loop.hasTarget());
-}
-
 // A bus of many regulators may give five readings a second: pictures then are newer than the last.
 TEST_F(Loop, ClosesWithFewReadings) {
   bench_.options.steps_per_reading = 20;
@@ -273,20 +263,6 @@ TEST_F(Loop, ClosesWithFewReadings) {
   bench_.run(4);
   EXPECT_EQ(bench_.faults[ObservationFault::kTooOld], 0);
   EXPECT_LT(bench_.error(), 1e-3);
-}
-
-TEST(VisualServoConfig, RefusesWhatMakesNoSense) {
-  using Config = VisualServoConfig;
-  const statics::ArmModel model(test::ringArm(test::helicalRing()));
-  test::expectRefusals(
-      LoopBench::config(), [&](const Config& config) { VisualServo(model, config); },
-      {{[](Config& c) { c.smoothing = 0; }, "smoothing time [s] is 0"},
-       {[](Config& c) { c.stale_after = -1; }, "coasts [s] is -1"},
-       {[](Config& c) { c.coast_time = 0; }, "for which it coasts [s] is 0"},
-       {[](Config& c) { c.time_constant = 0; }, "regulator's time constant [s] is 0"},
-       {[](Config& c) { c.reading_noise = 0; }, "noise of a reading [Pa] is 0"},
-       {[](Config& c) { c.watch_creep = -1; }, "creep of the watch"},
-       {[](Config& c) { c.filter.hysteresis = -1; }, "hysteresis is -1"}});
 }
 
 TEST(SmoothingFor, IsLongerForArmsThatVibrateSlowly) {

@@ -9,7 +9,6 @@
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/io/number.hpp"
-#include "support/has.hpp"
 #include "support/random.hpp"
 #include "support/refusal.hpp"
 #include "support/table_faults.hpp"
@@ -25,10 +24,6 @@ std::string faultsOf(const std::string& text) {
   return test::tableFaults(text, [](const std::string& path) { loadDataSet(path); });
 }
 
-std::string refusalOf(const std::string& path) {
-  return test::refusal<DocumentError>([&path] { loadDataSet(path); });
-}
-
 TEST(DataSet, ReadsColumnsRowsAndWhereTheyStand) {
   const DataSet data = load(
       "# a comment\n# another\npressure_1_kpa,curvature_rad\n0,0.5\n\n# between\n10.5, -1e-3\n");
@@ -41,14 +36,6 @@ TEST(DataSet, ReadsColumnsRowsAndWhereTheyStand) {
   EXPECT_EQ(data.find("curvature"), -1);
 }
 
-TEST(DataSet, ReadsWhatASpreadsheetWrites) {
-  const std::string text = "\xEF\xBB\xBF# comment\r\na_m,b_m\r\n1,2\r\n3,4";
-  const DataSet data = load(text);
-  EXPECT_EQ(data.sha256, sha256Of(text)) << "of the bytes that it was read from";
-  ASSERT_EQ(data.columns, (std::vector<std::string>{"a_m", "b_m"}));
-  EXPECT_EQ(data.values, (Eigen::Matrix2d() << 1, 2, 3, 4).finished());
-}
-
 TEST(DataSet, AllFaultsAreReportedWithTheirLines) {
   EXPECT_EQ(faultsOf("# c\nx_m,y_m\n1,nan\n1\n1,2,3\n,x\n4,inf\n5,6\n"),
             ":3 y_m is not a finite number; expected one\n:4 has 1 cells; expected 2, one per "
@@ -57,14 +44,6 @@ TEST(DataSet, AllFaultsAreReportedWithTheirLines) {
             "finite number; expected one");
   EXPECT_EQ(faultsOf("a_m,,a_m\n1,2,3\n"),
             ":1 column 3 has the name of column 1; expected each name once");
-}
-
-TEST(DataSet, ColumnsThatNobodyReadsMayHoldAnything) {
-  const DataSet data =
-      load(",x_m,frame_id,speed,\n0,1,optitrack,nan,\n1,2,\"a, \"\"b\"\"\nc\",5,\n2,3,,6\n");
-  EXPECT_EQ(data.columns, (std::vector<std::string>{"x_m"}));
-  EXPECT_EQ(data.values, Eigen::Vector3d(1, 2, 3));
-  EXPECT_EQ(data.lines, (std::vector<int>{2, 3, 5}));
 }
 
 TEST(DataSet, CellsMayBeQuoted) {
@@ -115,57 +94,6 @@ TEST(DataSet, ANameThatIsNearlyAKnownOneIsAFault) {
   EXPECT_EQ(faultsOf("x_m,x_mm\n1,2\n"), "");
 }
 
-TEST(DataSet, WhatIsNoTableOfOursIsNamed) {
-  const auto expectNamed = [](const std::string& text, const char* words) {
-    const std::string fault = faultsOf(text);
-    EXPECT_NE(fault.find(words), std::string::npos) << text << fault;
-    EXPECT_NE(fault.find("expected"), std::string::npos) << fault;
-  };
-  expectNamed("time_s;pressure_1_kpa;x_m\n0;1,5;0,18\n", ":1 is divided by semicolons");
-  expectNamed("time_s\tx_m\n0\t1\n", ":1 is divided by tabs");
-  expectNamed("0,0,0.18\n1,0,0.18\n", ":1 holds numbers alone");
-  expectNamed("Recorded by me\nrig 2\ntime_s,x_m\n0,1\n",
-              ":1 is above the header, which is line 3");
-  expectNamed("version https://git-lfs.github.com/spec/v1\noid sha256:0\n", "git lfs pull");
-  expectNamed("Format Version,1.23,Take Name,arm\n\n,Type\n", "OptiTrack Motive");
-  expectNamed("Trajectories\n100\n,,arm:tip\n", "Vicon Nexus");
-  expectNamed("%time,field.header.seq\n1,2\n", "rostopic echo -p");
-  expectNamed("name: rig\ncontractions:\n  a: {}\narm:\n  b: 1\n", "is a scene, not data");
-}
-
-TEST(DataSet, AFileWithoutATableIsAFault) {
-  EXPECT_EQ(faultsOf(""), " has no header; expected a line of column names");
-  EXPECT_EQ(faultsOf("# only a comment\n"), " has no header; expected a line of column names");
-  EXPECT_EQ(faultsOf("a_m\n"), " has no rows; expected at least one below the header");
-  EXPECT_EQ(refusalOf("/nowhere.csv"), "/nowhere.csv cannot be read: No such file or directory");
-}
-
-TEST(DataSet, NoNumberBecomesInfiniteInPascals) {
-  EXPECT_EQ(faultsOf("x_m\n1e300\n-1e300\n"), "");
-  EXPECT_EQ(faultsOf("x_m\n1e308\n-1e301\n"),
-            ":2 x_m is too large; expected at most 1e+300\n:3 x_m is too large; expected "
-            "at most 1e+300");
-}
-
-TEST(DataSet, AFileOfAnotherKindIsNotReadToItsEnd) {
-  std::string text = "x_m\n";
-  for (int i = 0; i < 100'000; ++i) text += "x\n";
-  const std::string faults = faultsOf(text);
-  EXPECT_NE(faults.find(" has 996 more faults"), std::string::npos) << faults.substr(0, 100);
-}
-
-TEST(DataSet, AFaultInEveryRowIsToldInAFewLinesWhichHideNoOther) {
-  std::string text = "time_s,x_m,trial\n";
-  for (int i = 0; i < 200; ++i) text += "0.1,fast,run A\n";
-  text += "now,fast,run A\n";
-  const std::string told = " x_m is not a finite number; expected one\n";
-  std::string expected;
-  for (int line = 2; line < 7; ++line) expected += ":" + std::to_string(line) + told;
-  EXPECT_EQ(faultsOf(text), expected +
-                                ":202 time_s is not a finite number; expected one\n"
-                                " has 196 more faults");
-}
-
 TEST(DataSet, EveryLimitIsKeptFromBothSides) {
   const auto table = [](int columns, int rows) {
     std::string text = "c0", row = "1";
@@ -209,67 +137,12 @@ TEST(PressuresOf, TakesKilopascalsPascalsAndAMissingColumnAsVented) {
   EXPECT_THROW(pressuresOf(load("pressure_1_pa,pressure_1_kpa\n1,1\n"), 2), DocumentError);
 }
 
-TEST(PressuresOf, NamesThePressuresThatCountAsVented) {
-  const DataSet data = load("curvature_rad,pressure_3_kpa,pressure_1_pa\n9,20,10\n");
-  EXPECT_EQ(missingPressures(data, 4),
-            (std::vector<std::string>{"pressure_2_kpa", "pressure_4_kpa"}));
-  EXPECT_EQ(missingText(data, 3),
-            data.path + " has no column pressure_2_kpa, which counts as 0 kPa");
-  EXPECT_EQ(missingText(load("time_s,x_m\n1,2\n"), 3), "") << "a series without pressures";
-}
-
-TEST(HistoryOf, TimesThatCannotBeSecondsNameTheirUnit) {
-  for (const auto& [time, unit] : {std::pair("1700000000123", "milliseconds"),
-                                   {"1700000000123456", "microseconds"},
-                                   {"1700000000123456789", "nanoseconds"}}) {
-    const DataSet data = load(std::string("time_s,pressure_1_kpa\n") + time + ",1\n");
-    EXPECT_TRUE(test::has(test::refusal<DocumentError>([&] { historyOf(data, 1); }), unit)) << time;
-  }
-  EXPECT_EQ(historyOf(load("time_s,pressure_1_kpa\n1.7e9,1\n"), 1).time.front(), 1.7e9);
-}
-
-TEST(LoadDataSet, ASkippedColumnMayHoldAnything) {
-  const test::TemporaryFile file("a_m,status,b_m\n1,reached,2\n3,,4\n");
-  const DataSet data = loadDataSet(file.path(), {"status"});
-  EXPECT_EQ(data.columns, (std::vector<std::string>{"a_m", "b_m"}));
-  EXPECT_EQ(data.values, (Eigen::MatrixXd(2, 2) << 1, 2, 3, 4).finished());
-}
-
-TEST(PressuresOf, RefusesColumnsThatFitNoActuator) {
-  const auto message = [](const std::string& header, int actuators) {
-    DataSet data;
-    data.path = "data.csv";
-    data.columns = {header};
-    data.values.setZero(1, 1);
-    return test::refusal<DocumentError>([&] { pressuresOf(data, actuators); });
-  };
-  EXPECT_EQ(message("pressure_1_kpa", 2), "accepted");
-  EXPECT_EQ(message("curvature_rad", 2),
-            "data.csv has no pressures; expected columns pressure_1_kpa to pressure_2_kpa");
-  for (const char* column :
-       {"pressure_3_kpa", "pressure_0_kpa", "pressure_1_psi", "pressure_01_kpa"}) {
-    const std::string expected =
-        std::string("data.csv column '") + column +
-        "' belongs to no actuator; expected pressures in pressure_1_kpa to "
-        "pressure_2_kpa";
-    EXPECT_EQ(message(column, 2).substr(0, expected.size()), expected);
-  }
-  EXPECT_TRUE(test::has(message("pressure_1_psi", 2), "multiply it by 6.894757"));
-}
-
 TEST(Number, ReadsDecimals) {
   EXPECT_EQ(parseNumber("413.6856"), 413.6856);
   EXPECT_EQ(parseNumber("-1.5e-3"), -0.0015);
   EXPECT_EQ(parseNumber("+2"), 2.0);
   EXPECT_EQ(parseNumber(".5"), 0.5);
   EXPECT_EQ(parseNumber("0"), 0.0);
-}
-
-TEST(Number, RefusesTextOtherThanOneFiniteNumber) {
-  for (const char* text : {"", " ", "1 ", " 1", "1.5 kPa", "1,5", "nan", ".nan", "inf", "-.inf",
-                           "1e400", "0x10", "1_000", "--1", "1e", "one"}) {
-    EXPECT_FALSE(parseNumber(text)) << '"' << text << '"';
-  }
 }
 
 TEST(Number, FormattedTextReadsBackAsTheSameBits) {
@@ -285,12 +158,6 @@ TEST(Number, FormattedTextReadsBackAsTheSameBits) {
   }
   EXPECT_EQ(parseNumber(formatNumber(std::numeric_limits<double>::max())),
             std::numeric_limits<double>::max());
-}
-
-TEST(Number, FormattedTextIsShort) {
-  EXPECT_EQ(formatNumber(0.1), "0.1");
-  EXPECT_EQ(formatNumber(413.6856), "413.6856");
-  EXPECT_EQ(formatNumber(-5), "-5");
 }
 
 TEST(Kilopascals, AreWhatPascalsWereMadeOf) {

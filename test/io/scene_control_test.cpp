@@ -29,10 +29,6 @@ const std::string kModbusScene = regulatorScenes().at("modbus");
 
 void write(const std::string& path, const std::string& text) { std::ofstream(path) << text; }
 
-std::string faultsOfFile(const std::string& path) {
-  return test::refusal<DocumentError>([&path] { loadScene(path); });
-}
-
 // Every key, from line 73 on.
 const std::string kFollowScene = kSpatialScene + R"(follow:
   smoothing_s: 0.4
@@ -196,29 +192,6 @@ TEST(PressureScene, ACustomProfileIsRelativeToTheScene) {
   EXPECT_EQ(nameOf(loadScene(elsewhere / "copy.yaml")), "board");
   write(elsewhere / "copy.yaml", sceneText(folder / "scene.yaml", {{"name", "copy"}}));
   EXPECT_EQ(nameOf(loadScene(elsewhere / "copy.yaml")), "board");
-}
-
-TEST(PressureScene, FaultsOfAProfileNameItsOwnFileAndLine) {
-  const TemporaryFolder folder;
-  const std::string file = folder / "scene.yaml", board = folder / "board.yaml";
-  write(file, replaced(kSerialScene, "profile: generic", "profile: ./board.yaml"));
-  const std::string said = file + ":11 regulator.ascii_serial.profile is " + folder.path() +
-                           "/./board.yaml, which has faults:\n" + folder.path() + "/./board.yaml";
-  EXPECT_EQ(faultsOfFile(file), said + " cannot be read: No such file or directory");
-  write(board, "ascii_serial: {\n");
-  EXPECT_EQ(faultsOfFile(file).find(said + ":2 is not YAML: "), 0u) << faultsOfFile(file);
-  write(board, "ascii_serail: {}\n");
-  EXPECT_EQ(faultsOfFile(file),
-            said +
-                ":1 the document is a map of other keys; expected a map of ascii_serial or "
-                "modbus_tcp");
-  write(board, "# mine\nmodbus_tcp: {}\n");
-  EXPECT_EQ(
-      faultsOfFile(file),
-      said +
-          ":2 modbus_tcp is not the scene's kind of regulator; expected a profile of ascii_serial");
-  write(board, "ascii_serial:\n  baud: fast\n");
-  EXPECT_TRUE(has(faultsOfFile(file), "/board.yaml:2 ascii_serial.baud is fast"));
 }
 
 TEST(FollowScene, IsInSi) {
@@ -422,19 +395,6 @@ TEST(ModbusProfileReader, OptionalKeysHaveDefaults) {
 
 TEST(ModbusProfileReader, EachBrokenRuleIsAFaultWithItsLine) {
   expectFaultsOf("modbus_profile", kModbus);
-}
-
-TEST(ModbusProfileReader, UnknownAndMissingKeysAreNamedTogether) {
-  EXPECT_EQ(ReadResult(replaced(kModbus, "count_pa: 6.5", "count_kpa: 6.5")).faults,
-            (Faults{"f:3 modbus_tcp.count_kpa is not a known key; did you mean count_pa?",
-                    "f:1 modbus_tcp.count_pa is missing; expected a finite value > 0"}));
-  EXPECT_EQ(
-      ReadResult("modbus_tcp:\n  unit_id: 1\n").faults,
-      (Faults{"f:1 modbus_tcp.count_pa is missing; expected a finite value > 0",
-              "f:1 modbus_tcp.highest_count is missing; expected a whole number from 1 to 32767",
-              "f:1 modbus_tcp.outputs is missing; expected a map of first, stride and pressure",
-              "f:1 modbus_tcp.inputs is missing; expected a map of first, stride, pressure and "
-              "registers"}));
 }
 
 TEST(ModbusProfileReader, TheShippedOnesAreThoseOfTheDriverTests) {

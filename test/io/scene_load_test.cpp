@@ -142,23 +142,6 @@ TEST(SceneTier, IsTheOneThatIsAskedFor) {
   EXPECT_EQ(tier(kRod, {{"tier", "exact"}}), statics::Tier::kExact);
 }
 
-TEST(SceneTier, AnotherWordIsAnsweredByThoseThatTheSceneAllows) {
-  std::string all = statics::kAutoTier, loaded = all;
-  for (const statics::Tier tier : statics::kTiers) {
-    const std::string word = (tier == std::end(statics::kTiers)[-1] ? " or " : ", ") +
-                             std::string(statics::nameOf(tier));
-    all += word;
-    if (tier != statics::Tier::kPlanar) loaded += word;
-  }
-  const auto without_order = [](const std::string& word) {
-    return faultsOf(replaced(kLoadedScene, "tier: loaded\norder: 3", "tier: " + word), {});
-  };
-  EXPECT_EQ(without_order("load"), std::vector<std::string>{":79 tier is load; expected " + all});
-  EXPECT_EQ(without_order("planar"),
-            std::vector<std::string>{":79 tier is planar; expected " + loaded +
-                                     ", since arm.geometry is spatial"});
-}
-
 TEST(SceneTier, AccuracyIsInPercentOfTheArm) {
   const auto choice = [](const char* percent) {
     return sceneOf(kRod, {{"load.mass_kg", "0.2"}, {"accuracy.tip_error_percent", percent}})
@@ -171,50 +154,6 @@ TEST(SceneTier, AccuracyIsInPercentOfTheArm) {
   EXPECT_GT(rough.relative_tip_error, 1e-5) << "or the rough one is no other than the fine one";
   EXPECT_TRUE(fine.setting.tier == statics::Tier::kExact ||
               fine.setting.order > rough.setting.order);
-}
-
-TEST(SceneTier, WhatOnlyTheModelKnowsIsAFaultOfItsKey) {
-  const auto first = [](const std::string& text, const std::vector<Override>& overrides) {
-    const std::vector<std::string> faults = faultsOf(text, overrides);
-    EXPECT_EQ(faults.size(), 1u);
-    return faults.empty() ? "" : faults.front();
-  };
-  const std::string planar =
-      replaced(kPlanarScene, "K_kappa_m2: 1.0e-4}", "K_kappa_m2: 1.0e-4, K_eps_n: 900}");
-  const std::string across = planar + "load: {mass_kg: 0.2}\ntier: planar\n";
-  EXPECT_EQ(first(across, {}).find(":12 tier: planar needs a load in the arm's x-y plane"), 0u)
-      << first(across, {});
-  const std::string unreachable =
-      replaced(kRod, "K_eps_n: 900", "K_eps_n: 60") +
-      "load: {mass_kg: 2}\ntier: loaded\naccuracy: {tip_error_percent: 2.0e-7}\n";
-  EXPECT_EQ(first(unreachable, {}).find(":10 accuracy.tip_error_percent: "), 0u)
-      << first(unreachable, {});
-  const std::string hasty = kRod + "load: {mass_kg: 0.2}\nbudget: {time_us: 0.001}\n";
-  EXPECT_EQ(first(hasty, {}).find(":9 budget.time_us: "), 0u) << first(hasty, {});
-}
-
-TEST(LoadedScene, OneSectionWithoutK_epsIsNamed) {
-  const std::string text = replaced(replaced(kLoadedScene, ", K_eps_n: 900", ""),
-                                    "K_kappa_m2: 2.0e-4}", "K_kappa_m2: 2.0e-4, K_eps_n: 700}");
-  const std::vector<std::string> faults = faultsOf(text);
-  ASSERT_EQ(faults.size(), 1u);
-  EXPECT_EQ(faults[0].find(":15 arm.stiffness.K_eps_n is missing"), 0u) << faults[0];
-  EXPECT_TRUE(has(faults[0], "in their own stiffness: sections lower"));
-  EXPECT_EQ(faults[0].find("upper"), std::string::npos) << faults[0];
-}
-
-TEST(LoadedScene, FaultsOfArmLoadAndTierAreReportedTogether) {
-  std::string text = replaced(kLoadedScene, "radius_m: 0.03", "radius_m: -5");
-  text = replaced(text, "mass_kg: 0.3", "mass_kg: -1");
-  text = replaced(text, "order: 3", "order: 12");
-  text = replaced(text, "commander_timeout_s: 0.8", "commander_timeout_s: -1");
-  const std::vector<std::string> faults = faultsOf(text);
-  const char* const starts[] = {":18 arm.sections[0].ring.radius_m", ":74 load.mass_kg",
-                                ":80 order", ":34 safety.commander_timeout_s"};
-  ASSERT_EQ(faults.size(), std::size(starts));
-  for (std::size_t i = 0; i < faults.size(); ++i) {
-    EXPECT_EQ(faults[i].find(starts[i]), 0u) << faults[i];
-  }
 }
 
 }  // namespace

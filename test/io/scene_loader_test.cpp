@@ -361,31 +361,6 @@ TEST(SceneLoader, APlanarArmMayCarryTags) {
   EXPECT_FALSE(sceneOf(kSpatialScene).vision.fit.planar);
 }
 
-TEST(SceneLoader, TheTextOfASceneContainsItsOverrides) {
-  const test::TemporaryFile file(kSpatialScene);
-  EXPECT_EQ(sceneText(file.path()), kSpatialScene);
-  const std::vector<Override> overrides{{"camera.focal_px", "[700, 710]"},
-                                        {"vision.base_prior.translation_m", "0.004"},
-                                        {"camera.webcam.device", "'/dev/0'"}};
-  const std::string text = sceneText(file.path(), overrides);
-  const Scene written = sceneOf(text), meant = sceneOf(kSpatialScene, overrides);
-  EXPECT_EQ(written.camera->model.fx, 700);
-  EXPECT_EQ(written.camera->model.fy, meant.camera->model.fy);
-  EXPECT_EQ(written.camera->webcam->device, "/dev/0");
-  EXPECT_EQ(written.vision.fit.base_prior.translation, 0.004);
-  EXPECT_EQ(written.simulation.camera.noise, meant.simulation.camera.noise);
-  const Eigen::VectorXd inputs = meant.arm.inputAt(0.5);
-  EXPECT_EQ(written.arm.twists(inputs), meant.arm.twists(inputs));
-  EXPECT_THROW(sceneText(file.path(), {{"arm.sections.7.name", "x"}}), DocumentError);
-}
-
-TEST(SceneLoader, AnAnchorMayBeUsedTwice) {
-  const Scene scene = sceneOf(replaced(
-      replaced(kSpatialScene, "  stiffness: {K_gamma: 10,", "  stiffness: &common {K_gamma: 10,"),
-      "stiffness: {K_gamma: 20, K_tau_m2: 1.0e-5, K_kappa_m2: 2.0e-4}", "stiffness: *common"));
-  EXPECT_EQ(scene.arm.actuator(3).stiffness.gamma, 10);
-}
-
 // ring.phase_deg, plate_m and arm.tool.
 double apart(const lie::SE3& a, const lie::SE3& b) {
   return (a.translation - b.translation).norm() + (a.rotation - b.rotation).norm();
@@ -494,14 +469,6 @@ TEST(SceneStiffnessTable, IsReadRelativeToItsLeastForce) {
   ASSERT_EQ(load.tables.size(), 1u);
   EXPECT_EQ(load.tables[0].input, (std::vector<double>{0, 130e3, 260e3, 414e3}));
   EXPECT_EQ(load.tables[0].factor, (std::vector<double>{3, 1, 37 / 15., 4}));
-}
-
-TEST(SceneStiffnessTable, AConstantOneIsANumberBitForBit) {
-  const Scene number = loadedWith("60");
-  const Scene table = loadedWith("{pressure_kpa: [0, 200, 414], force_n: [60, 60, 60]}");
-  EXPECT_TRUE(table.model.load()->tables.empty());
-  const Eigen::Vector3d q(3e5, 1e5, 0);
-  EXPECT_EQ(table.model.tip(q).tip.translation, number.model.tip(q).tip.translation);
 }
 
 }  // namespace

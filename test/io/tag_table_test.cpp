@@ -169,12 +169,6 @@ TEST(TagPoses, AllFaultsAreReportedWithTheirLines) {
       "qy, qz, qw that is not of norm 1\n:8 has a quaternion qx, qy, qz, qw that is not of norm 1");
 }
 
-TEST(TagPoses, MissingColumnsAreNamed) {
-  EXPECT_EQ(poseFaults("capture,pressure_1_kpa,tag,x_m,y_m,qx,qy,qz\n1,0,3,0,0,0,0,0\n"),
-            " has no column z_m, qw; expected capture, pressure_1_kpa .., tag, x_m, y_m, z_m, qx, "
-            "qy, qz, qw");
-}
-
 // ---- Paths of the tip ---------------------------------------------------------------------------
 
 using control::TipWayPoint;
@@ -245,30 +239,7 @@ TEST(TipPathFile, AllFaultsAreReportedWithTheirLines) {
             ":2 z_m is not a finite number; expected one\n:3 x_m is not a finite number; expected "
             "one\n:3 y_m is empty; expected a finite number\n:4 time_s is not a finite number; "
             "expected one");
-}
-
-TEST(TipPathFile, MissingColumnsAreNamed) {
-  EXPECT_EQ(faultsOf("clock,x_m,z_m\n0,0,0\n1,0,0\n"),
-            " has no column time_s, y_m; expected time_s, x_m, y_m, z_m");
-}
-
-TEST(TipPathFile, EveryLimitIsKeptFromBothSides) {
-  const auto rows = [](int count) {
-    std::string text = kHeader;
-    for (int i = 0; i < count; ++i) text += std::to_string(i) + ",0,0,0\n";
-    return text;
-  };
-  const std::string rule = "; expected 2 to 100000 points of a path";
-  EXPECT_EQ(faultsOf(rows(0)), " has no rows; expected at least one below the header");
-  EXPECT_EQ(faultsOf(rows(1)), " has 1 row" + rule);
-  EXPECT_EQ(faultsOf(rows(2)), "");
-  EXPECT_EQ(faultsOf(rows(100'000)), "");
-  EXPECT_EQ(faultsOf(rows(100'001)), " has 100001 rows" + rule);
-  EXPECT_EQ(faultsOf(kHeader + "0,1e6,-1e6,1e6\n1e6,0,0,0\n"), "");
-  EXPECT_NE(faultsOf(kHeader + "0,1000000.1,0,0\n1,0,0,0\n"), "");
-  EXPECT_NE(faultsOf(kHeader + "0,0,0,0\n1000000.1,0,0,0\n"), "");
-  EXPECT_EQ(faultsOf(kHeader + "0,0,0,0\n1e-6,0,0,0\n"), "");
-  EXPECT_NE(faultsOf(kHeader + "0,0,0,0\n0.99e-6,0,0,0\n"), "");
+  EXPECT_EQ(faultsOf(kHeader + "0,0,0,0\n1e-6,0,0,0\n"), "") << "the shortest step";
 }
 
 // The rules of the file are those of the path.

@@ -220,13 +220,6 @@ TEST(Convention, PositiveCurvatureAboutZBendsTowardsY) {
   EXPECT_GT(SE2::exp({0.4, 0, 0.5}).translation.y(), 0.05);
 }
 
-TEST(AllocationCounter, SeesWhatEigenAllocates) {
-  const test::AllocationCounter counter;
-  const Eigen::VectorXd vector = Eigen::VectorXd::Zero(100);
-  EXPECT_EQ(vector.sum(), 0.0);
-  EXPECT_GE(counter.count(), 1u);
-}
-
 template <class Group>
 double useEverything(const typename Group::Tangent& xi) {
   const Group X = Group::exp(xi) * Group::exp(xi).inverse() * Group::exp(0.5 * xi);

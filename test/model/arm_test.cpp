@@ -129,18 +129,6 @@ TEST(Links, TheTipIsTheProductOfExponentialsPlatesAndTool) {
   }
 }
 
-TEST(Links, AnArmWithoutThemHasTheSameBits) {
-  const Arm plain = test::ringArm(test::helicalRing(), 2);
-  Section section = test::ringSection(test::helicalRing(), test::fig3Muscle());
-  section.plate = 0.0;
-  const Arm zero({section, section}, lie::SE3());
-  EXPECT_EQ(plain.links(), nullptr);
-  EXPECT_EQ(zero.links(), nullptr);
-  const Eigen::VectorXd q = plain.inputAt(0.3);
-  EXPECT_EQ(plain.tip(q).translation, zero.tip(q).translation);
-  EXPECT_EQ(plain.tip(q).translation, tipPose(plain.twists(q)).translation);
-}
-
 TEST(Links, SectionsBeginBeyondThePlateAndEndBeforeIt) {
   const Arm arm = test::linkedArm();
   const Shape shape = shapeOf(arm, arm.twists(arm.inputAt(0.4)));
@@ -284,19 +272,6 @@ TEST(Taper, ItsPolynomialsAreTheEquilibriumOfEveryCrossSection) {
     EXPECT_LT((taper.complianceAt(s) - expected.compliance).norm(),
               1e-7 * expected.compliance.norm())
         << s;
-  }
-}
-
-TEST(Taper, ConstantListsHaveTheSameBits) {
-  for (const double tilt : {0.0, kTilt}) {
-    const test::Ring ring{3, 0.0254, tilt, {100.0, 0.0, 9.8e-5}};
-    const Arm plain = test::ringArm(ring);
-    const Arm listed({test::taperedSection(ring, {0.0254, 0.0254, 0.0254}, {tilt, tilt, tilt})});
-    EXPECT_FALSE(listed.tapered());
-    const Eigen::VectorXd q = plain.inputAt(Eigen::VectorXd(Eigen::Vector3d(0.9, 0.1, 0.4)));
-    EXPECT_EQ(listed.tip(q).translation, plain.tip(q).translation);
-    EXPECT_EQ(listed.tip(q).rotation, plain.tip(q).rotation);
-    EXPECT_EQ(listed.twists(q), plain.twists(q));
   }
 }
 

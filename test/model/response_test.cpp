@@ -438,22 +438,6 @@ TEST(Response, AnotherResponseKeepsWhatIsRemembered) {
   EXPECT_EQ(state.effective(), 3e5);
 }
 
-TEST(Response, RefusesValuesThatBreakARule) {
-  const auto check = [](const Response& response) { return refusal([&] { response.validate(); }); };
-  EXPECT_EQ(check(playsOf({{2e4, 0.1}, {2e4, 0.1}})),
-            "response: the plays [Pa] fall from 20000 to 20000; expected ascending values");
-  EXPECT_EQ(check(playsOf({{2e4, 0.5}, {4e4, 0.46}})),
-            "response: the sum of the weights is 0.96; expected at most 0.95");
-  EXPECT_EQ(check(playsOf({{2e4, 0.3}, {4e4, 0.65}})), "accepted");
-  EXPECT_EQ(check(slowOf(0, 7, 0.3, playsOf({{2e4, 0.66}}))),
-            "response: the sum of the weights is 0.96; expected at most 0.95");
-  EXPECT_EQ(check(slowOf(0, 0, 0.3)),
-            "response: the slow weight is 0.3; expected 0 without a slow time constant");
-  Response many;
-  many.play_count = 5;
-  EXPECT_EQ(check(many), "response: the number of plays is 5; expected 0 to 4");
-}
-
 Arm armWith(const Response& response) {
   Arm plain = test::sampleArm();
   std::vector<Section> sections(1);

@@ -1,7 +1,6 @@
 // What a calibration run does: it waits at each pressure of its plan until all is at rest.
 #include <cmath>
 #include <random>
-#include <stdexcept>
 
 #include <gtest/gtest.h>
 
@@ -346,12 +345,6 @@ TEST(MedianSample, LeavesOutTagsThatFewerThanHalfOfThePicturesShow) {
   ASSERT_EQ(median.tags.size(), 2u);
   EXPECT_EQ(median.tags[0].id, 2);  // 3 of 4
   EXPECT_EQ(median.tags[1].id, 5);  // 2 of 4
-}
-
-TEST(MedianSample, OfNothingOrOfSeveralArmsIsRefused) {
-  EXPECT_THROW(medianOf({}), std::invalid_argument);
-  EXPECT_THROW(medianOf({sampleOf(1, 1, {}), {2, Eigen::Vector3d::Zero(), {}}}),
-               std::invalid_argument);
 }
 
 // ---- Pressures of a run -------------------------------------------------------------------------

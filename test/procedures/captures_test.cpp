@@ -140,36 +140,6 @@ TEST(Captures, WhatDoesNotFitItsSceneIsAFault) {
   for (const auto& [scene, data, faults] : cases) EXPECT_EQ(faultsOf(scene, data), faults);
 }
 
-TEST(Captures, WhatTheSceneDoesNotHaveIsAFault) {
-  const std::string corners =
-      "capture,pressure_1_kpa,tag,x1_px,y1_px,x2_px,y2_px,x3_px,y3_px,"
-      "x4_px,y4_px\n1,0,4,1,1,2,2,3,3,4,4\n";
-  const std::string poses =
-      "capture,pressure_1_kpa,tag,x_m,y_m,z_m,qx,qy,qz,qw\n1,0,4,0,0,0,0,0,0,1\n";
-  const io::Scene bare = sceneOf(kPlanarScene);
-  EXPECT_EQ(faultsOf(bare, poses),
-            " holds tags, but scene flat has none; expected a scene with a section tags");
-  EXPECT_EQ(faultsOf(bare, corners),
-            " holds corners in pictures, but scene flat has no camera; expected a scene with a "
-            "section camera");
-  EXPECT_EQ(faultsOf(bare, "pressure_kpa,length_m\n0,0.4\n"),
-            " holds free lengths of a muscle; expected measurements of an arm");
-  const io::Scene pulled =
-      sceneOf(replaced(kPlanarScene, "table: {pressure_kpa: [0, 400], length_m: [0.4, 0.3]}",
-                       "tendon: {length_m: 0.3, spool_radius_m: 0.01, max_angle_rad: 10}"));
-  EXPECT_EQ(faultsOf(pulled, "pressure_1_kpa,curvature_rad\n0,0.1\n"),
-            " gives pressures, but actuator muscle_1 of the scene is a tendon; expected an arm "
-            "driven by pressure");
-}
-
-TEST(Captures, ACornerWhoseDistortionCannotBeUndoneIsAFault) {
-  const io::Scene scene = sceneOf(kSpatialScene, {{"camera.distortion", "[-0.4, 0, 0, 0]"}});
-  ASSERT_FALSE(scene.camera->model.directionOf({3000, 240}));
-  EXPECT_EQ(faultsOf(scene, kCornerHeader + "1,0,0,0,0,50,0,1,300,200,3000,240,320,220,300,220\n"),
-            ":2 x2_px, y2_px are outside the picture; expected a point where the camera's "
-            "distortion can be inverted");
-}
-
 TEST(Captures, SeenJustNowAreCheckedAsThoseOfFiles) {
   const io::Scene scene = sceneOf(kSpatialScene);
   io::TagCornerCapture capture{1, Eigen::VectorXd::Constant(6, 50e3), {{1, {}}}};
@@ -401,33 +371,6 @@ TEST(SeriesRecord, PressuresThatAreMissingForLongStartANewTrial) {
   EXPECT_EQ(trialsOf(record), 1);
   go(1.1 * SeriesRecord::kGap);
   EXPECT_EQ(trialsOf(record), 2);
-}
-
-TEST(SeriesRecord, LeavesOutTipsThatAreLateTwiceOrNotFinite) {
-  SeriesRecord record(1);
-  for (double time = 0; time < 5; time += kReading) record.measured(time, kPressure);
-  for (const double time : {4.5, 4.5, 4.4, 1.0}) record.seen(time, tipAt(0));
-  record.seen(4.6, {0.4, std::nan(""), 0});
-  for (double time = 5; time < 6; time += kReading) record.measured(time, kPressure);
-  EXPECT_EQ(record.tips(), 1u);
-  expectAscending(record.series().history);
-}
-
-TEST(SeriesRecord, HasAsManyRowsAsADataSetMayHave) {
-  SeriesRecord record(1);
-  const int more = 1000;
-  for (std::size_t k = 0; k < SeriesRecord::kMostRows + more; ++k) {
-    record.measured(SeriesRecord::kSpacing * static_cast<double>(k), kPressure);
-  }
-  EXPECT_EQ(record.rows(), SeriesRecord::kMostRows);
-  EXPECT_EQ(record.series().history.rows(), static_cast<Eigen::Index>(SeriesRecord::kMostRows));
-  EXPECT_GT(record.leftOut(), more / 2u);
-}
-
-TEST(SeriesRecord, RefusesPressuresOfAnotherArm) {
-  EXPECT_THROW(SeriesRecord(0), std::invalid_argument);
-  SeriesRecord record(2);
-  EXPECT_THROW(record.measured(0, Eigen::Vector3d::Zero()), std::invalid_argument);
 }
 
 TEST(SeriesRecord, IsReadBackAsItWasWritten) {

@@ -1,16 +1,11 @@
-#include <fstream>
 #include <set>
-#include <sstream>
 #include <string>
 #include <vector>
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/basics/text.hpp"
 #include "helix_arm/calibration/calibration_parameters.hpp"
 #include "helix_arm/procedures/calibration_job.hpp"
-#include "support/has.hpp"
-#include "support/refusal.hpp"
 
 namespace helix_arm::test {
 namespace {
@@ -18,34 +13,6 @@ namespace {
 using namespace estimation;
 using namespace procedures;
 using Parameters = std::set<FitParameter>;
-
-std::string contentOf(const std::string& name) {
-  std::ifstream file(std::string(HELIX_ARM_SOURCE_DIR) + "/" + name);
-  EXPECT_TRUE(file) << name;
-  return {std::istreambuf_iterator<char>(file), {}};
-}
-
-// The comment of a field of a message, over as many lines as it has, with single spaces.
-std::string commentOf(const std::string& file, const std::string& field) {
-  std::istringstream lines(contentOf(file));
-  std::string text;
-  bool inside = false;
-  for (std::string line; std::getline(lines, line);) {
-    const std::size_t hash = line.find('#');
-    const std::string code = line.substr(0, hash);
-    if (code.find_first_not_of(' ') != std::string::npos) {
-      std::istringstream words(code);
-      std::string type, name;
-      words >> type >> name;
-      inside = name == field;
-    }
-    if (inside && hash != std::string::npos) text += line.substr(hash + 1);
-  }
-  std::istringstream words(text);
-  text.clear();
-  for (std::string word; words >> word;) text += (text.empty() ? "" : " ") + word;
-  return text;
-}
 
 TEST(FitParameters, EveryParameterHasItsRow) {
   const std::vector<FitParameterInfo>& table = estimation::fitParameters();
@@ -90,33 +57,11 @@ TEST(FitWords, NameParametersAndGroups) {
   EXPECT_EQ(of({"bleed"}, false), Parameters{FitParameter::kBorderShift}) << "asked for by itself";
 }
 
-TEST(FitWords, OfNoParameterAreRefused) {
-  EXPECT_EQ(refusal([] {
-              estimation::fitParametersOf({"tags", "springs"}, false);
-            }),
-            "\"springs\" is not a parameter to fit; expected some of " +
-                basics::joined(estimation::fitWords()));
-}
-
 TEST(FitWords, EachActuatorsScaleGoesBeforeTheCommonOne) {
   CalibrationOptions options;
   estimation::setFitted({FitParameter::kLengthScale, FitParameter::kLengthScaleEach}, options);
   EXPECT_EQ(options.length_scale, LengthScaling::kEach);
   EXPECT_FALSE(options.K_kappa) << "only what was named is fitted";
-}
-
-TEST(FitWords, TheServiceAndTheActionSayWhatIsFittedByDefault) {
-  const std::string by_default =
-      "; empty: " + std::string(estimation::wordOf(estimation::kDefaultFitGroup));
-  for (const char* file : {"srv/Calibrate.srv", "action/RunCalibration.action"}) {
-    EXPECT_TRUE(has(commentOf(file, "fit"), by_default)) << file;
-  }
-}
-
-TEST(FitWords, AreInTheDocumentation) {
-  for (const std::string& word : estimation::fitWords()) {
-    EXPECT_TRUE(has(contentOf("docs/calibration.md"), "`" + word + "`")) << word;
-  }
 }
 
 // ---- Results in words ---------------------------------------------------------------------------
@@ -180,21 +125,6 @@ TEST(CalibrationWords, WhatIsKnownOfACombinationIsSaid) {
   EXPECT_EQ(resultText("demo", tilted),
             "tip error 14.3 mm before, 1.0 mm after; calibrated demo: K_gamma = 61.7 +- 9.2, "
             "K_gamma^0.97 K_kappa^0.25 +- 1.2 %");
-}
-
-TEST(CalibrationWords, WithoutTagsOrDeterminedParametersItSaysSo) {
-  CalibrationOutcome blind = outcome();
-  blind.tip_error_before.reset();
-  EXPECT_EQ(tipErrorText(blind), "");
-  EXPECT_EQ(resultText("demo", blind).rfind("calibrated demo: K_gamma", 0), 0u);
-  for (estimation::Parameter& one : blind.calibration->parameters) one.identifiable = false;
-  EXPECT_EQ(resultText("demo", blind), "calibrated demo: the data determined no parameter");
-  CalibrationOutcome curve;
-  curve.contractions.emplace_back("muscle", estimation::ContractionFit{});
-  EXPECT_EQ(resultText("demo", curve), "calibrated demo: contraction muscle");
-  curve.response = FittedResponse{{"muscle"}, {}, {}, {{"play_1", "Pa", 0, 40123, 812, true}}};
-  EXPECT_EQ(resultText("demo", curve),
-            "calibrated demo: contraction muscle, play_1 = 40.12 +- 0.81 kPa");
 }
 
 }  // namespace

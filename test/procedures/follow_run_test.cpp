@@ -103,20 +103,6 @@ TEST(FollowRun, APathBeginsWhenASlowArmIsAtItsFirstPoint) {
   }
 }
 
-TEST(FollowRun, TheSameSeedGivesTheSameRun) {
-  FollowPlan plan = tipPlan({kLeft}, 3);
-  const FollowResult one = runFollow(demo(), plan), again = runFollow(demo(), plan);
-  plan.seed = 2;
-  const FollowResult other = runFollow(demo(), plan);
-  ASSERT_EQ(one.rows.size(), again.rows.size());
-  for (std::size_t k = 0; k < one.rows.size(); ++k) {
-    EXPECT_EQ(one.rows[k].true_tip, again.rows[k].true_tip);
-    EXPECT_EQ(one.rows[k].pressure, again.rows[k].pressure);
-    EXPECT_EQ(one.rows[k].measured, again.rows[k].measured);
-  }
-  EXPECT_NE(one.rows.back().true_tip, other.rows.back().true_tip);
-}
-
 // One noisy reading may look as if the arm were not vented.
 TEST(FollowRun, NoiseDoesNotKeepTheArmFromBeingEnabled) {
   const io::Scene scene = demo();

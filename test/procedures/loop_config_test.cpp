@@ -128,14 +128,6 @@ TEST(LoopConfig, ACombinationThatIsKnownIsKnownToTheFilter) {
   EXPECT_EQ(filterOf(parameters).stiffness_correlation, Eigen::Matrix4d::Identity());
 }
 
-// A scene that was edited by hand must not make the factors of the filter overflow.
-TEST(LoopConfig, AnErrorThatIsNoFigureIsLimited) {
-  const ArmFilterOptions filter =
-      filterOf("K_gamma: {value: 1.0e-9, standard_error: 1.0e+9, identifiable: true}");
-  EXPECT_TRUE(std::isfinite(std::exp(4 * filter.stiffness_deviation.gamma)));
-  EXPECT_LE(filter.stiffness_deviation.gamma, 1);
-}
-
 // The numbers of a placement, with standard errors [m] and [rad].
 std::string placement(const std::string& name, const char* x, const char* errors[2], bool found) {
   std::string out;
@@ -184,15 +176,6 @@ TEST(LoopConfig, ASlowLoopIsWarnedOf) {
   EXPECT_EQ(warning("0.8"),
             "follow: the loop smooths over 1.23 s, which is slow; stiffen or damp the arm, and "
             "give paths rather than distant targets");
-}
-
-TEST(LoopConfig, AnArmWithoutPressuresIsRefused) {
-  const std::string cable =
-      test::replaced(test::kPlanarScene, "table: {pressure_kpa: [0, 400], length_m: [0.4, 0.3]}",
-                     "tendon: {length_m: 0.4, spool_radius_m: 0.01, max_angle_rad: 10}");
-  EXPECT_EQ(
-      test::refusal([&] { loopConfigOf(io::sceneOfText(cable, "scene.yaml")); }),
-      "scene flat has actuators that are not driven by pressure; the closed loop needs pressures");
 }
 
 // ---- Proof of contacts --------------------------------------------------------------------------
@@ -343,17 +326,6 @@ TEST(BudgetTable, ItsWorstIsAlongAnyDirection) {
   estimation::TipErrorBudget budget = sample();
   budget.predicted.covariance << 1e-6, 1e-6, 0, 1e-6, 1e-6, 0, 0, 0, 0;
   EXPECT_TRUE(test::has(budgetTable(budget), "predicted           1.00    1.00    0.00    1.41\n"));
-}
-
-TEST(BudgetTable, TheTextHasALineAndItsUnitForEachRow) {
-  estimation::TipErrorBudget budget = sample();
-  budget.state = estimation::BudgetState::kOutside;
-  budget.distance2 = 36;
-  EXPECT_EQ(budgetText(budget),
-            "error budget, 1 sd\n1.00 mm calibration\n0.30 mm unexplained\n1.04 mm both "
-            "together\n3.00 mm pressure\n4.00 mm placement\n"
-            "5.00 mm camera\n3.00 mm predicted\n10.00 mm open loop\n5.00 mm measured - model\n"
-            "outside: 6.0 of 4.0 sd");
 }
 
 }  // namespace

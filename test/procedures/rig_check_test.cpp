@@ -282,14 +282,6 @@ TEST(RigCheck, WhatTheSceneLeavesOutIsANote) {
   EXPECT_TRUE(found(sceneOf("demo_serial"), "no_regulator").empty());
 }
 
-TEST(RigCheck, FaultsComeFirst) {
-  const auto findings =
-      checkRig(sceneOf("demo", {{"tags.groups.0.rpy_deg", "[180, 0, 0]"}})).findings;
-  EXPECT_TRUE(std::is_sorted(findings.begin(), findings.end(),
-                             [](const auto& a, const auto& b) { return a.severity > b.severity; }));
-  EXPECT_EQ(findings.front().severity, Severity::kFault);
-}
-
 // ---- Where tags are mounted ---------------------------------------------------------------------
 
 using basics::kPi;

@@ -1,5 +1,4 @@
-"""Threads of Python that share a scene or an array, threads that the system refuses, and those that outlive the interpreter."""
-import os
+"""Threads of Python that share a scene or an array, and those that outlive the interpreter."""
 import subprocess
 import sys
 import threading
@@ -13,8 +12,6 @@ from forward_test import pressures_of
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
 from test_size import draws
-
-SANITIZED = "libasan" in os.environ.get("LD_PRELOAD", "")
 
 
 class Writer:
@@ -87,107 +84,24 @@ class SharedArrayTest(unittest.TestCase):
         self.check(lambda p: scene.inverse(tips, start=p).pressures_pa, starts, 30)
 
 
-class SharedSceneTest(unittest.TestCase):
-    def test_options_of_other_threads_cost_no_solvers(self):
-        scene = helix_arm.Scene.load("spatial_50")
-        tips = scene.tips(pressures_of(scene, 8))
-        options = [{"prefer": "min-change"}, {"prefer": "min-pressure", "position_tolerance_m": 1e-3}]
-        alone = [scene.inverse(tips, **one).pressures_pa for one in options]
-        self.assertGreater(np.abs(alone[0] - alone[1]).max(), 1, "the options do not matter")
-        found = [[], []]
-
-        def run(i):
-            for turn in range(60):
-                k = (i + turn) % 2
-                found[k].append(scene.inverse(tips, **options[k]).pressures_pa)
-
-        threads = [threading.Thread(target=run, args=(i,)) for i in range(2)]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-        for k in range(2):
-            self.assertEqual(len(found[k]), 60)
-            for pressures in found[k]:
-                np.testing.assert_array_equal(pressures, alone[k])
-        # As many as were in use at once, of each options.
-        self.assertLessEqual(scene._solvers_made, 4)
-
-    def test_the_solvers_that_are_kept_are_bounded(self):
-        scene = helix_arm.Scene.load("spatial_50")
-        tip = scene.tips(np.full(3, 1e5))
-        for k in range(80):
-            scene.inverse(tip, position_tolerance_m=1e-6 * (1 + k))
-        self.assertEqual(scene._solvers_made, 80)
-        scene.inverse(tip, position_tolerance_m=1e-6 * 80)
-        self.assertEqual(scene._solvers_made, 80, "the last one was not kept")
-        scene.inverse(tip, position_tolerance_m=1e-6)
-        self.assertEqual(scene._solvers_made, 81, "all are kept")
-
-
-# Of a process that may not have more memory than now and a bit.
-LIMITED = """
-import resource, helix_arm, numpy as np
-scene = helix_arm.Scene.load("loaded")
-p = np.random.default_rng(1).uniform(*scene.limits_pa.T, (1200, 3))
-expected = scene.jacobian(p[:16]).tip_by_pressures
-with open("/proc/self/statm") as file:
-    used = int(file.read().split()[0]) * resource.getpagesize()
-resource.setrlimit(resource.RLIMIT_AS, (used + (400 << 20), resource.RLIM_INFINITY))
-"""
-
-
-@unittest.skipIf(SANITIZED, "the sanitizer itself reserves more addresses than the limit")
-class LimitedProcessTest(unittest.TestCase):
-    def run_limited(self, code):
-        result = subprocess.run([sys.executable, "-c", LIMITED + code], capture_output=True, text=True, timeout=120)
-        self.assertEqual((result.returncode, result.stderr), (0, ""))
-        return result.stdout.split("\n")[:-1]
-
-    def test_threads_that_cannot_be_made_are_not_needed(self):
-        # The stacks of 1024 threads take 8 GiB of addresses.
-        lines = self.run_limited(
-            "import threading\n"
-            "made = []\n"
-            "try:\n"
-            "    for i in range(1023):\n"
-            "        made.append(threading.Thread(target=threading.Event().wait, daemon=True))\n"
-            "        made[-1].start()\n"
-            "except RuntimeError:\n"
-            "    print('limited')\n"
-            "found = scene.jacobian(p, threads=1024).tip_by_pressures\n"
-            "print(len(found), np.array_equal(found[:16], expected), flush=True)\n"
-            "import os\n"
-            "os._exit(0)\n")
-        self.assertEqual(lines, ["limited", "1200 True"])
-        lines = self.run_limited(
-            "found = scene.jacobian(p, threads=1024).tip_by_pressures\n"
-            "print(len(found), np.array_equal(found[:16], expected))\n")
-        self.assertEqual(lines, ["1200 True"])
-
-    def test_rows_beyond_the_memory(self):
-        lines = self.run_limited(
-            "rows = np.broadcast_to(p[0], (10**9, 3))\n"
-            "for call in [scene.forward, scene.tips, scene.curve, scene.jacobian, scene.inverse]:\n"
-            "    try:\n"
-            "        call(rows)\n"
-            "    except MemoryError as error:\n"
-            "        print(bool(str(error)))\n")
-        self.assertEqual(lines, ["True"] * 5)
-
-
 # Daemon threads are within calls when the interpreter ends. Names with an underscore are the first that it clears, so their __del__
 # runs between its end and that of the process: there, other calls return and their threads ask for the interpreter.
 ENDING = """
 import threading, helix_arm, numpy as np
 scene = helix_arm.Scene.load({name!r})
 p = np.random.default_rng(1).uniform(*scene.limits_pa.T, ({rows}, len(scene.limits_pa)))
+
+
 def call():
     {call}
+
+
 def work(begun):
     while True:
         call()
         begun.set()
+
+
 class Late:
     def __del__(self):
         for _ in range({late}):

@@ -60,21 +60,6 @@ class ForwardTest(unittest.TestCase):
                 self.assertEqual(pickle.loads(pickle.dumps(scene)).name, self.scene.name)
             os.chdir(before)
 
-    def test_copies_of_a_scene(self):
-        self.assertIs(copy.copy(self.scene), self.scene)
-        self.assertIs(copy.deepcopy([self.scene])[0], self.scene)
-        named = NamedScene.load("helical_50", {"arm.stiffness.K_gamma": 60})
-        named.notes = ["mine", named]
-        for again in [copy.copy(named), copy.deepcopy(named), pickle.loads(pickle.dumps(named))]:
-            self.assertIsNot(again, named)
-            self.assertIs(type(again), NamedScene)
-            self.assertEqual(again.notes[0], "mine")
-            np.testing.assert_array_equal(again.tips(np.full(3, 1e5)), named.tips(np.full(3, 1e5)))
-        deep = copy.deepcopy(named)
-        self.assertIs(deep.notes[1], deep)
-        deep.notes.append("more")
-        self.assertEqual(len(named.notes), 2)
-
     def test_the_tip_is_turned_by_the_twist(self):
         for p in pressures_of(self.scene, 20):
             result = self.scene.forward(p)
@@ -132,23 +117,6 @@ class ForwardTest(unittest.TestCase):
         expected = tips.copy()
         del result
         np.testing.assert_array_equal(tips, expected)
-
-    @unittest.skipUnless(os.path.exists("/sys/kernel/mm/transparent_hugepage"), "the system has no large pages")
-    def test_many_results_ask_for_large_pages(self):
-        result = self.scene.forward(pressures_of(self.scene, 200_000))
-        for numbers in [result.tips, result.quaternions_xyzw, result.twists]:
-            place, found = numbers.__array_interface__["data"][0] + numbers.nbytes // 2, False
-            with open("/proc/self/smaps", encoding="utf-8") as file:
-                for line in file:
-                    words = line.split()
-                    if "-" in words[0]:
-                        begin, end = (int(one, 16) for one in words[0].split("-"))
-                        found = begin <= place < end
-                    elif found and words[0] == "VmFlags:":
-                        self.assertIn("hg", words)
-                        break
-                else:
-                    self.fail("the result is in no mapping")
 
     def test_out_is_written(self):
         p = pressures_of(self.scene, 10)
@@ -217,13 +185,6 @@ class InverseTest(unittest.TestCase):
         self.assertTrue(scene.inverse(tip, prefer="stiff").reached)
         with self.assertRaisesRegex(ValueError, "K_eps_n"):
             helix_arm.Scene.load("spatial_50").inverse(tip, prefer="stiff")
-
-    def test_no_rows_are_no_results(self):
-        found = self.scene.inverse(np.zeros((0, 3)))
-        self.assertEqual(found.pressures_pa.shape, (0, len(self.scene.actuators)))
-        self.assertEqual(found.status.shape, (0,))
-        self.assertEqual(found.status.dtype.kind, "U")
-        self.assertEqual(self.scene.inverse(np.zeros((1, 3))).status.dtype.kind, "U")
 
 
 class CurveTest(unittest.TestCase):

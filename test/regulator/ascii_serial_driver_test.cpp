@@ -9,7 +9,6 @@
 #include "support/eventually.hpp"
 #include "support/has.hpp"
 #include "support/serial_profiles.hpp"
-#include "support/temporary_file.hpp"
 #include "support/temporary_folder.hpp"
 
 namespace helix_arm::regulator {
@@ -189,19 +188,6 @@ TEST_P(AsciiSerialProfiles, ClosedChannelsKeepTheirPressureUntilTheyRegulateOrVe
   EXPECT_TRUE(line_.empties());
 }
 
-// Reads until it fails, for at most so long.
-Failure firstFailure(const std::unique_ptr<Driver>& driver, double longest) {
-  Pressures pressures(kChannels);
-  Failure failure{"none", ""};
-  eventually(
-      [&] {
-        failure = failureOf([&] { driver->read(pressures); });
-        return failure.kind != "none";
-      },
-      longest);
-  return failure;
-}
-
 // After a silence in which the device may have vented by itself, nothing is fed again.
 TEST(AsciiSerialWatchdog, ADeviceThatMayHaveVentedIsNotFedAgain) {
   SerialProfile profile = test::genericProfile();
@@ -230,46 +216,6 @@ TEST(AsciiSerialWatchdog, ADeviceThatMayHaveVentedIsNotFedAgain) {
   EXPECT_EQ(failureOf([&] { driver->read(pressures); }).kind, "link");
   EXPECT_EQ(failureOf([&] { driver->vent(); }).text, "");
   EXPECT_EQ(failureOf([&] { driver->write(regulate(set_point)); }).text, "");
-}
-
-TEST_P(AsciiSerialProfiles, EveryFaultRaisesItsErrorInTimeAndIsSurvived) {
-  const SerialProfile& profile = GetParam();
-  // What a device that does not name its unit says in another one goes unnoticed here; it is seen
-  // in that the pressures do not follow.
-  const bool tells_unit =
-      has(profile.write_reply, "{set_point}") || has(profile.write_reply, "{unit}");
-  const std::pair<DeviceFault, const char*> kRows[] = {
-      {DeviceFault::kSilence, "link"},    {DeviceFault::kSlow, "link"},
-      {DeviceFault::kRestart, "link"},    {DeviceFault::kGarbage, "reply"},
-      {DeviceFault::kHalfLine, "reply"},  {DeviceFault::kNanText, "reply"},
-      {DeviceFault::kStuckValue, "none"}, {DeviceFault::kWrongUnit, tells_unit ? "reply" : "none"}};
-  for (const auto& [fault, expected] : kRows) {
-    SCOPED_TRACE(simulation::nameOf(fault));
-    const std::string kind = expected;
-    SerialLine line(profile);
-    line.driver->connect();
-    ASSERT_TRUE(line.fills());
-    readAll(line.driver);
-    line.device.setFault(fault);
-    const Failure failure = firstFailure(line.driver, kind == "none" ? 0.3 : kSoon);
-    EXPECT_EQ(failure.kind, kind) << failure.text;
-    if (kind != "none") {
-      EXPECT_EQ(failure.text.find("/dev/pts/"), 0u) << failure.text;
-    }
-    line.device.setFault(DeviceFault::kNone);
-    if (kind == "link") {
-      line.driver->close();
-      line.driver = driverOf(profile, line.device.path());  // a restart without a link has another
-      ASSERT_TRUE(
-          eventually([&] { return failureOf([&] { line.driver->connect(); }).kind == "none"; }));
-    }
-    // An unsolicited half line may precede the next one.
-    ASSERT_TRUE(eventually([&] { return failureOf([&] { readAll(line.driver); }).kind == "none"; },
-                           profile.read.empty() ? kSoon : 0.0));
-    ASSERT_TRUE(line.fills());
-    EXPECT_TRUE(
-        eventually([&] { return std::abs(readAll(line.driver).pressure.minCoeff() - 2e5) < 1e3; }));
-  }
 }
 
 const SerialProfile kProfiles[] = {test::alicatProfile(),
@@ -400,16 +346,6 @@ TEST(AsciiSerialDriver, ALineIsFreeOnceItsProgramWasKilled) {
   }
   EXPECT_EQ(test::HoldingChild(open).text(), "");
   EXPECT_EQ(failureOf([&] { driver->connect(); }).text, "");
-}
-
-TEST(AsciiSerialDriver, AFileThatIsNotASerialLineIsRefused) {
-  const test::TemporaryFile file("p0=1.00 kPa\n");
-  const auto driver = driverOf(test::genericProfile(), file.path());
-  EXPECT_EQ(failureOf([&] { driver->connect(); }).text,
-            file.path() + " is not a serial line; expected one such as /dev/ttyUSB0");
-  const auto folder = driverOf(test::genericProfile(), "/tmp");
-  EXPECT_EQ(failureOf([&] { folder->connect(); }).text,
-            "/tmp is a folder; expected a serial line such as /dev/ttyUSB0");
 }
 
 }  // namespace

@@ -163,12 +163,6 @@ TEST_F(Noting, ThatNeverAnswersDoesNotStand) {
   EXPECT_GT(beats(), 0U);
 }
 
-TEST(GuardProcess, ThatCannotBeStartedIsNamed) {
-  EXPECT_TRUE(
-      has(refusal<std::runtime_error>([] { const GuardProcess guard({"/no/such/program"}); }),
-          "/no/such/program"));
-}
-
 // ---- One program of a machine drives a device at a time -----------------------------------------
 
 // A name that is unique to this test process.
@@ -206,12 +200,6 @@ TEST(DeviceLock, IsFreeOnceItsHolderIsKilled) {
   }
   holder.kill();
   EXPECT_FALSE(lock.take(deviceName()));
-}
-
-TEST(DeviceLock, ALongNameIsCutAndTakenAllTheSame) {
-  DeviceLock one, other;
-  EXPECT_FALSE(one.take(deviceName() + std::string(5000, 'x')));
-  EXPECT_TRUE(other.take(deviceName() + std::string(4000, 'x')));
 }
 
 class TwoDrivers : public ::testing::Test {
@@ -266,32 +254,6 @@ TEST_F(TwoDrivers, ADeviceThatDoesNotAnswerIsFree) {
 // ---- Real-time priority and locked memory are never required ------------------------------------
 
 constexpr uid_t kNobody = 65534;
-
-// The answer in a process that may have neither.
-std::string refusalOf(std::string (*ask)()) {
-  const auto run = runInChild([ask]() -> std::string {
-    const rlimit none{0, 0};
-    const bool limited = setrlimit(RLIMIT_RTPRIO, &none) == 0 &&
-                         setrlimit(RLIMIT_MEMLOCK, &none) == 0 &&
-                         (geteuid() != 0 || setuid(kNobody) == 0);
-    return limited ? ask() : "the limits cannot be set";
-  });
-  EXPECT_EQ(run.signal, 0);
-  return run.text;
-}
-
-TEST(Realtime, ARefusalNamesTheLimitAndItsRemedy) {
-  const std::string priority = refusalOf([] { return tryRealtime(kRealtimePriority); });
-  EXPECT_EQ(priority.find("real-time priority 40 is refused ("), 0U) << priority;
-  EXPECT_TRUE(has(priority, "`@realtime - rtprio 40` in /etc/security/limits.conf"));
-  const std::string memory = refusalOf([] { return lockMemory(); });
-  EXPECT_EQ(memory.find("locked memory is refused ("), 0U) << memory;
-  EXPECT_TRUE(has(memory, "`@realtime - memlock unlimited`"));
-}
-
-TEST(Realtime, NoneIsAskedForWithPriority0) {
-  EXPECT_EQ(refusalOf([] { return scheduleRealtime(0); }), "");
-}
 
 TEST(Realtime, ItIsTheCallingThreadsAlone) {
   if (!tryRealtime(1).empty()) GTEST_SKIP() << "this user has no real-time priority";

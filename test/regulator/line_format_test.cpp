@@ -2,11 +2,9 @@
 
 #include <locale>
 #include <sstream>
-#include <tuple>
 
 #include <gtest/gtest.h>
 
-#include "support/random.hpp"
 #include "support/refusal.hpp"
 #include "support/serial_profiles.hpp"
 
@@ -20,11 +18,6 @@ const LineStyle kStyle{";", "kPa", 2};
 std::optional<double> numberOf(const std::string& text) {
   const auto fields = LineFormat("p={pressure}").match("p=" + text, "", 1);
   return fields ? std::optional(fields->pressures.at(0)) : std::nullopt;
-}
-
-std::string badReply(const LineFormat& format, const std::string& line,
-                     const std::string& address = "A", std::size_t pressures = 1) {
-  return refusal<BadReply>([&] { format.parse(line, address, pressures); });
 }
 
 // The check value of CRC-16/IBM-3740 in the catalogue of CRC algorithms.
@@ -84,28 +77,6 @@ TEST(LineFormat, NumbersAreWrittenWithTheirDecimals) {
   }
 }
 
-TEST(LineFormat, WhatItWritesItReads) {
-  test::Random random(3);
-  for (int decimals = 0; decimals <= 6; ++decimals) {
-    const LineFormat format("{address} {pressures} {set_point}{words}", {",", "", decimals});
-    for (int k = 0; k < 200; ++k) {
-      LineFields fields;
-      const int count = random.integer(1, 8);
-      for (int i = 0; i < count; ++i) fields.pressures.push_back(random.uniform(-1e3, 1e3));
-      fields.set_point = random.uniform(-1e6, 1e6);
-      const auto size = static_cast<std::size_t>(count);
-      const auto read = format.match(format.line("B", fields), "B", size);
-      ASSERT_TRUE(read);
-      ASSERT_EQ(read->pressures.size(), size);
-      const double half = 0.5 * std::pow(10.0, -decimals) * (1 + 1e-6);
-      for (std::size_t i = 0; i < size; ++i) {
-        EXPECT_NEAR(read->pressures[i], fields.pressures[i], half);
-      }
-      EXPECT_NEAR(*read->set_point, *fields.set_point, half);
-    }
-  }
-}
-
 TEST(LineFormat, DecimalNumbersAreReadExactly) {
   const struct {
     const char* text;
@@ -134,21 +105,6 @@ TEST(LineFormat, NonDecimalNumbersAreRefused) {
   for (const char* text : {"", "1 5"}) EXPECT_FALSE(numberOf(text)) << text;
 }
 
-class DecimalComma : public std::numpunct<char> {
-  char do_decimal_point() const override { return ','; }
-  char do_thousands_sep() const override { return '.'; }
-  std::string do_grouping() const override { return "\3"; }
-};
-
-TEST(LineFormat, TheLocaleDoesNotMatter) {
-  const std::locale before = std::locale::global(std::locale(std::locale(), new DecimalComma));
-  EXPECT_EQ(numberOf("1234.5"), 1234.5);
-  EXPECT_FALSE(numberOf("1,5"));
-  EXPECT_FALSE(numberOf("1.234,5"));
-  EXPECT_EQ(LineFormat("{pressure}").line("", {{1234.5}, {}, {}}), "1234.50");
-  std::locale::global(before);
-}
-
 TEST(LineFormat, BlanksAndEndsOfLinesDoNotMatterAndAnotherLineIsNoReading) {
   const LineFormat format("{address} {pressure} {set_point}{words}");
   for (const char* line : {"A +014.70 +020.00", "  A  +014.70\t+020.00  ", "\nA +014.70 +020.00\r",
@@ -165,19 +121,6 @@ TEST(LineFormat, BlanksAndEndsOfLinesDoNotMatterAndAnotherLineIsNoReading) {
     EXPECT_FALSE(format.match(line, "A", 1)) << line;
   }
   EXPECT_TRUE(format.match("A +014.70 +02", "A", 1)) << "nothing shows that it is half a line";
-}
-
-TEST(LineFormat, BytesThatAreNoTextAndLinesThatAreTooLongAreRefused) {
-  for (int byte = 0; byte < 256; ++byte) {
-    std::string line = "one two";
-    line[5] = static_cast<char>(byte);
-    EXPECT_EQ(LineFormat("{*} {...}").match(line, "", 0).has_value(),
-              (byte >= ' ' && byte <= '~') || byte == '\t')
-        << byte;
-  }
-  const LineFormat any("{...}");
-  EXPECT_TRUE(any.match(std::string(kLongestLine, 'x'), "", 0));
-  EXPECT_FALSE(any.match(std::string(kLongestLine + 1, 'x'), "", 0));
 }
 
 TEST(LineFormat, TheNumberOfChannelsMustMatch) {
@@ -198,67 +141,7 @@ TEST(LineFormat, AnotherUnitIsRefused) {
   }
 }
 
-TEST(LineFormat, ABadReplyNamesTheFirstMismatch) {
-  const std::string pattern = "p{address}={pressure} {unit}";
-  const LineFormat format(pattern, kStyle);
-  for (const auto& [line, shown, fault] :
-       {std::tuple(std::string("pA=nan kPa"), "pA=nan kPa", "a number at \"nan kPa\""),
-        {"pA=1.0 psi", "pA=1.0 psi", "the unit kPa at \"psi\""},
-        {"pA=1.0", "pA=1.0", "a blank at its end"},
-        {std::string("pA=1\0.0 kPa", 11), "pA=1?.0 kPa", "printable ASCII at \"?.0 kPa\""}}) {
-    EXPECT_EQ(badReply(format, line), "\"" + std::string(shown) + "\" does not match \"" + pattern +
-                                          "\": expected " + fault);
-  }
-  EXPECT_EQ(badReply(LineFormat("{pressures}"), "1;2", "", 3),
-            "\"1;2\" does not match \"{pressures}\": expected 3 pressures, not 2 at its end");
-}
-
-TEST(LineFormat, FaultyTemplatesAreRefused) {
-  const struct {
-    const char* text;
-    const char* fault;
-  } kCases[] = {
-      {"", "\"\" is empty; expected a line of text"},
-      {"p={presure}",
-       "\"p={presure}\" has {presure}; expected {address}, {pressure}, {pressures}, {set_point}, "
-       "{supply}, {unit}, {*}, {words} or {...}"},
-      {"p={pressure", "\"p={pressure\" has a { without a }"},
-      {"p=pressure}", "\"p=pressure}\" has a } without a {"},
-      {" p", "\" p\" begins or ends with a blank; expected none, since they are ignored there"},
-      {"p\n", "\"p?\" has a byte that is neither printable ASCII nor a tab"},
-      {"{pressure}{supply}",
-       "\"{pressure}{supply}\" has nothing before {supply} to separate it from the previous field"},
-      {"{words} x", "\"{words} x\" has {words} before its end"},
-      {"{pressure} {pressure}", "\"{pressure} {pressure}\" has {pressure} twice"},
-      {"{pressure} {pressures}", "\"{pressure} {pressures}\" has both {pressure} and {pressures}"},
-      {"{unit}", "\"{unit}\" has {unit}, but unit_word is missing"},
-  };
-  for (const auto& entry : kCases) {
-    EXPECT_EQ(refusal([&] { LineFormat format(entry.text); }), entry.fault);
-  }
-}
-
-TEST(LineFormat, ValuesThatCannotBeWrittenAreRefused) {
-  const LineFormat format("{pressure}");
-  EXPECT_EQ(refusal([&] {
-              format.line("", {{1e9}, {}, {}});
-            }),
-            "a line cannot hold the number 1e+09; expected one below 1e9");
-  EXPECT_EQ(refusal([&] {
-              format.line("", {{1, 2}, {}, {}});
-            }),
-            "\"{pressure}\" needs {pressure}, which is not given");
-  EXPECT_EQ(format.line("", {{std::numeric_limits<double>::quiet_NaN()}, {}, {}}), "nan");
-}
-
 // ---- Profiles: the lines of a device, its unit and its times ----
-
-TEST(SerialProfile, GoodOnesAreAccepted) {
-  for (const SerialProfile& profile : {test::alicatProfile(), test::ctrlPProfile(),
-                                       test::genericProfile(), test::togetherProfile()}) {
-    EXPECT_EQ(refusal([&] { profile.validate(); }), "accepted") << profile.name;
-  }
-}
 
 TEST(SerialProfile, UnitsAreConvertedBothWays) {
   SerialProfile profile;
@@ -269,40 +152,6 @@ TEST(SerialProfile, UnitsAreConvertedBothWays) {
   profile.atmosphere = 101325;  // millibar from vacuum
   EXPECT_NEAR(profile.toPascals(1013.25), 0, 1e-9);
   EXPECT_NEAR(profile.fromPascals(1e5), 2013.25, 1e-9);
-}
-
-// What a file may break as well: test/io/broken_rules.txt.
-TEST(SerialProfile, EachRuleThatAFileCannotBreakIsNamed) {
-  const struct {
-    std::function<void(SerialProfile&)> change;
-    const char* fault;
-  } kCases[] = {
-      {[](SerialProfile& p) { p.baud = 19201; },
-       "baud is 19201; expected a standard rate from 1200 to 2000000"},
-      {[](SerialProfile& p) { p.terminator = ";"; },
-       "terminator is \";\"; expected a carriage return, a line feed or both"},
-      {[](SerialProfile& p) { p.pascals = 0; },
-       "the size of the unit [Pa] is 0; expected 1e-3 to 1e8"},
-      {[](SerialProfile& p) { p.atmosphere = -1; }, "the atmosphere [Pa] is -1; expected 0 to 2e5"},
-      {[](SerialProfile& p) { p.decimals = 7; }, "decimals is 7; expected 0 to 6"},
-      {[](SerialProfile& p) { p.reply_separator = ""; },
-       "a separator is \"\"; expected 1 to 4 characters that no number contains"},
-      {[](SerialProfile& p) { p.timeout = 0; }, "timeout [s] is 0; expected 0.001 to 10"},
-      {[](SerialProfile& p) { p.watchdog = 0; },
-       "watchdog [s] is 0; expected 0.1 or more, and at least twice the timeout"},
-      {[](SerialProfile& p) { p.write = ""; }, "write is missing"},
-      {[](SerialProfile& p) { p.reply = ""; }, "reply is missing"},
-      {[](SerialProfile& p) { p.vent.clear(); },
-       "vent is missing; a fault must be able to release the pressure"},
-      {[](SerialProfile& p) { p.read = ""; },
-       "read is missing, so one_by_one must be false: unsolicited readings come in one line for "
-       "all channels"},
-  };
-  for (const auto& entry : kCases) {
-    SerialProfile profile = test::genericProfile();
-    entry.change(profile);
-    EXPECT_EQ(refusal([&] { profile.validate(); }), std::string("serial profile: ") + entry.fault);
-  }
 }
 
 }  // namespace

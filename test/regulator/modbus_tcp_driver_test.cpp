@@ -4,9 +4,7 @@
 
 #include "support/end_of.hpp"
 #include "support/eventually.hpp"
-#include "support/has.hpp"
 #include "support/modbus_profiles.hpp"
-#include "support/process.hpp"
 #include "support/raw_modbus.hpp"
 #include "support/refusal.hpp"
 #include "support/reply_server.hpp"
@@ -133,18 +131,6 @@ TEST(ModbusTcpDriver, AbsoluteDevicesAreGaugeAbove) {
   EXPECT_NEAR(readingOf(at.driver, 1)[0], 1e5, 1e-6);
 }
 
-// As docs/safety.md says of Festo terminals: ten times the air, and all looks well.
-TEST(ModbusTcpDriver, NothingShowsThatADeviceIsSetToAnotherUnit) {
-  ModbusProfile in_kpa = mpaProfile();
-  in_kpa.pascals = 1e3;
-  const EmulatedDevice device(quietDevice(in_kpa, 1));
-  const auto driver = driverOf(mpaProfile(), device.port(), {0});
-  driver->connect();
-  driver->write(regulate({3e4}));
-  EXPECT_TRUE(eventually([&] { return std::abs(device.pressure()[0] - 3e5) < 1e-3; }));
-  EXPECT_EQ(readingOf(driver, 1)[0], 3e4);
-}
-
 TEST(ModbusTcpDriver, TheSupplyIsReadIfTheProfileHasIt) {
   ModbusProfile profile = mpaProfile();
   profile.supply = 45390;
@@ -256,19 +242,6 @@ TEST(ModbusTcpDriver, WithoutAppsChannelsThatAreToCloseVent) {
   EXPECT_EQ(at.device.setPoint(), Eigen::Vector2d(0, 1e5));
 }
 
-TEST(ModbusTcpDriver, PlacesThatTheDeviceCannotHaveAreRefused) {
-  const auto said = [](const ModbusProfile& profile, std::vector<int> places) {
-    return refusal<std::invalid_argument>([&] { driverOf(profile, 502, std::move(places)); });
-  };
-  expectHas(said(mpaProfile(), {}), {"festo_mpa", "there are no slots; expected one per channel"});
-  expectHas(said(mpaProfile(), {-1}), {"slot is -1; expected a number >= 0"});
-  expectHas(said(vtemProfile(), {0, 1, 0}), {"slot is 0; expected distinct slots"});
-  expectHas(said(mpaProfile(), {7000}), {"slot is 7000; expected one whose registers are below"});
-  ModbusProfile broken = mpaProfile();
-  broken.pascals = 0;
-  expectHas(said(broken, {0}), {"profile festo_mpa: count_pa is 0"});
-}
-
 // The sixteenth outlet is the second one of the eighth slot.
 TEST(ModbusProfile, PlacesCountTheOutletsOfAllSlots) {
   const ModbusProfile vtem = vtemProfile();
@@ -281,47 +254,6 @@ TEST(ModbusProfile, PlacesCountTheOutletsOfAllSlots) {
   const ModbusProfile mpa = mpaProfile();
   EXPECT_EQ(mpa.setPoint(3), 40006);
   EXPECT_EQ(mpa.reading(3), 45404);
-}
-
-// What a file may break as well: test/io/broken_rules.txt.
-TEST(ModbusProfile, EachRuleThatAFileCannotBreakIsNamedWithItsValue) {
-  const struct {
-    std::function<void(ModbusProfile&)> breaks;
-    const char* said;
-  } kRules[] = {
-      {[](auto& p) { p.unit_id = 256; }, "unit_id is 256; expected 0 to 255"},
-      {[](auto& p) { p.unit_id = -1; }, "unit_id is -1; expected 0 to 255"},
-      {[](auto& p) { p.pascals = 0; }, "count_pa is 0; expected 0.001 to 1e+06"},
-      {[](auto& p) { p.pascals = std::stod("nan"); }, "count_pa is nan"},
-      {[](auto& p) { p.atmosphere = -1e3; }, "atmosphere_kpa is -1; expected 0 to 200"},
-      {[](auto& p) { p.highest_count = 0; }, "highest_count is 0; expected 1 to 32767"},
-      {[](auto& p) { p.highest_count = 32768; }, "highest_count is 32768"},
-      {[](auto& p) { p.outlets = 0; }, "outlets is 0; expected 1 to 64"},
-      {[](auto& p) { p.output_base = 65536; }, "outputs.first is 65536; expected 0 to 65535"},
-      {[](auto& p) { p.output_stride = 0; }, "outputs.stride is 0; expected 1 to 1024"},
-      {[](auto& p) { p.input_base = -1; }, "inputs.first is -1; expected 0 to 65535"},
-      {[](auto& p) { p.input_stride = 1025; }, "inputs.stride is 1025; expected 1 to 1024"},
-      {[](auto& p) { p.input_pressure = -1; }, "inputs.pressure is -1; expected 0 to 2"},
-      {[](auto& p) { p.supply = 70000; }, "supply is 70000; expected 0 to 65535"},
-      {[](auto& p) { p.timeout = 0; }, "timeout_s is 0; expected 0.001 to 10"},
-      {[](auto& p) { p.app->command = 3; }, "app.command is 3; expected 0 to 2"},
-      {[](auto& p) { p.app->regulate = 65536; }, "app.regulate is 65536; expected 0 to 65535"},
-      {[](auto& p) { p.app->off = -1; }, "app.off is -1; expected 0 to 65535"},
-      {[](auto& p) { p.app->acknowledge = 1 << 16; }, "app.acknowledge is 65536"},
-      {[](auto& p) { p.app->status_mask = 0; }, "app.status_mask is 0; expected 1 to 65535"},
-      {[](auto& p) { p.app->activation_time = 0; },
-       "app.activation_time_s is 0; expected 0.01 to 60"},
-  };
-  EXPECT_NO_THROW(vtemProfile().validate());
-  EXPECT_NO_THROW(mpaProfile().validate());
-  EXPECT_NO_THROW(ModbusProfile().validate());
-  for (const auto& rule : kRules) {
-    ModbusProfile profile = vtemProfile();
-    rule.breaks(profile);
-    const std::string said = refusal([&profile] { profile.validate(); });
-    EXPECT_EQ(said.find(std::string("profile festo_vtem: ") + rule.said), 0u)
-        << said << "\nexpected " << rule.said;
-  }
 }
 
 TEST(ModbusLink, ALateDeviceReceivesTheVentAndEmptiesWhileTheLinkIsHeld) {
@@ -338,68 +270,6 @@ TEST(ModbusLink, ALateDeviceReceivesTheVentAndEmptiesWhileTheLinkIsHeld) {
     at.driver->close();
     EXPECT_FALSE(at.driver->keepsAirOnClose());
   }
-}
-
-std::string connectRefusal(const std::string& host, int port) {
-  const auto driver = ModbusConfig{mpaProfile(), host, port, {0}}.makeDriver(1);
-  return refusal<LinkError>([&driver] { driver->connect(); });
-}
-
-TEST(ModbusConnecting, ARefusalNamesTheRemedy) {
-  const int port = freePort();
-  EXPECT_EQ(connectRefusal("127.0.0.1", port), "127.0.0.1:" + std::to_string(port) +
-                                                   ": cannot connect: Connection refused; check "
-                                                   "that its Modbus server runs, and on this port");
-  EXPECT_EQ(connectRefusal("::1", port).find("[::1]:" + std::to_string(port) + ": cannot connect"),
-            0u);
-}
-
-TEST(ModbusConnecting, AnUnknownNameDoesNotHoldItUp) {
-  std::string error;
-  EXPECT_LT(secondsOf([&error] { error = connectRefusal("no-such-regulator.invalid", 502); }),
-            kBounded);
-  EXPECT_TRUE(has(error, "give an address such as 192.168.1.10 as host"));
-}
-
-// A port of 127.0.0.1 with a queue of those who have not been accepted.
-class Listener {
- public:
-  explicit Listener(int backlog) : socket_(::socket(AF_INET, SOCK_STREAM, 0)) {
-    address_.sin_family = AF_INET;
-    address_.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-    auto* const generic = reinterpret_cast<sockaddr*>(&address_);
-    socklen_t size = sizeof address_;
-    EXPECT_EQ(bind(socket_, generic, size), 0);
-    EXPECT_EQ(listen(socket_, backlog), 0);
-    EXPECT_EQ(getsockname(socket_, generic, &size), 0);
-  }
-  ~Listener() { close(socket_); }
-  Listener(const Listener&) = delete;
-  Listener& operator=(const Listener&) = delete;
-
-  int socket() const { return socket_; }
-  int port() const { return ntohs(address_.sin_port); }
-  void join(int client) const {
-    connect(client, reinterpret_cast<const sockaddr*>(&address_), sizeof address_);
-  }
-
- private:
-  const int socket_;
-  sockaddr_in address_{};
-};
-
-// A listener with a full backlog: further connections are not answered.
-TEST(ModbusConnecting, ADeviceThatDoesNotAnswerDoesNotHoldItUp) {
-  const Listener listener(0);
-  std::vector<int> queue;
-  for (int i = 0; i < 4; ++i) {
-    queue.push_back(socket(AF_INET, SOCK_STREAM | SOCK_NONBLOCK, 0));
-    listener.join(queue.back());
-  }
-  std::string error;
-  EXPECT_LT(secondsOf([&] { error = connectRefusal("127.0.0.1", listener.port()); }), kBounded);
-  EXPECT_TRUE(has(error, "cannot connect: Connection timed out; check that it is switched on"));
-  for (const int each : queue) close(each);
 }
 
 // The header of the request's reply with these bytes behind it.
@@ -449,23 +319,6 @@ TEST(ModbusReplies, ARegisterIsANumberWithASign) {
   EXPECT_TRUE(std::isnan(reading(0x80, 0x00)));
 }
 
-TEST(ModbusReplies, NoPressureIsBelowVacuum) {
-  Answered device([](const Bytes& request) { return framed(request, {3, 2, 0x80, 0x01}); });
-  const std::string error = refusal<BadReply>([&] { device.read(); });
-  EXPECT_TRUE(
-      has(error, "register 45395 of festo_mpa reads -3276.7 kPa; expected no less than vacuum"));
-}
-
-TEST(ModbusReplies, AnExceptionIsABadReplyAndTheLinkLives) {
-  int asked = 0;
-  Answered device([&asked](const Bytes& request) {
-    return ++asked == 1 ? framed(request, {0x83, 2}) : framed(request, {3, 2, 0, 10});
-  });
-  const std::string error = refusal<BadReply>([&] { device.read(); });
-  EXPECT_TRUE(has(error, "festo_mpa gives no readings: Illegal data address; check the registers"));
-  EXPECT_EQ(device.read(), 1e3);
-}
-
 TEST(ModbusReplies, ThoseOfAnotherNumberOfRegistersOrToAnotherRequestAreBad) {
   for (const Bytes& rest : {Bytes{3, 4, 0, 10, 0, 10}, {3, 0}, {3, 2, 0, 10}}) {
     Answered device([&](const Bytes& request) {
@@ -490,26 +343,6 @@ TEST(ModbusReplies, WhatFollowsAReplyIsNotTakenForTheNextOne) {
   });
   EXPECT_EQ(endOf([&] { device.read(); }), End::kBadReply);
   EXPECT_EQ(device.read(), 1e3);
-}
-
-// A byte at a time, each of them within the timeout: it holds for all of them.
-TEST(ModbusReplies, BytesThatDripDoNotProlongTheTimeout) {
-  const Listener listener(1);
-  std::thread dripping([&listener] {
-    const int client = accept(listener.socket(), nullptr, nullptr);
-    char request[64];
-    recv(client, request, sizeof request, 0);
-    // The beginning of a frame that says it is long.
-    for (const char byte :
-         {0, 1, 0, 0, 0, 60, -1, 3, 57, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0}) {
-      if (send(client, &byte, 1, MSG_NOSIGNAL) != 1) break;
-      std::this_thread::sleep_for(std::chrono::duration<double>(0.8 * kPatience));
-    }
-    close(client);
-  });
-  EXPECT_LT(secondsOf([&] { EXPECT_NE(connectRefusal("127.0.0.1", listener.port()), "accepted"); }),
-            kBounded);
-  dripping.join();
 }
 
 }  // namespace

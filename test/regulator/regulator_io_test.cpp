@@ -248,19 +248,6 @@ TEST(RegulatorIo, VentsAndClosesAtItsEnd) {
   EXPECT_EQ(device.closings, 1);
 }
 
-TEST(RegulatorIo, EndsWithoutADeviceToo) {
-  ScriptedDevice device(kChannels);
-  device.refuses = true;
-  {
-    RegulatorIo io(std::make_unique<ScriptedDriver>(device), kChannels, briskRules());
-    ASSERT_TRUE(eventually([&] { return device.attempts > 1; }));
-    EXPECT_FALSE(io.up());
-    EXPECT_TRUE(io.end());  // nobody need vent what was never reached
-  }
-  EXPECT_EQ(device.connections, 0);
-  EXPECT_EQ(device.vents, 0);
-}
-
 TEST(RegulatorIo, OrderingAndTakingDoNotAllocate) {
   ScriptedDevice device(kChannels);
   device.refuses = true;  // the thread of the line is asleep, or nearly
@@ -291,19 +278,6 @@ TEST(RegulatorIo, RefusesADeviceThatWouldVentBetweenTwoLines) {
   const std::string refused = refusalOf(0.49);
   EXPECT_NE(refused.find("no line comes for 0.49 s"), std::string::npos) << refused;
   EXPECT_NE(refused.find("expected at most 0.1225 s"), std::string::npos) << refused;
-}
-
-TEST(Mailbox, TheReceiverSeesTheNewestAndNoneTwice) {
-  Mailbox<int> box(0);
-  EXPECT_FALSE(box.fetch());
-  for (int i = 1; i <= 3; ++i) {
-    box.draft() = i;
-    box.post();
-  }
-  ASSERT_TRUE(box.fetch());
-  EXPECT_EQ(box.held(), 3);
-  EXPECT_FALSE(box.fetch());
-  EXPECT_EQ(box.held(), 3);
 }
 
 TEST(Mailbox, FetchedValuesAreCompleteAndNeverOlder) {
@@ -490,15 +464,6 @@ TEST(PressurePath, TurnsThatAreTooFarApartAreALostLink) {
               gap > 0.4 ? SafetyCause::kRegulatorLost : SafetyCause::kNone);
   }
   EXPECT_THROW(PressurePath(coreOfTwo(), nullptr, 0), std::invalid_argument);
-}
-
-TEST(PressurePath, WithoutIoTheOrdersAreForSomebodyElse) {
-  PressurePath path(coreOfTwo(), nullptr);
-  path.core().measured(0, Eigen::Vector2d::Zero());
-  ASSERT_EQ(path.core().enable(0), "");
-  ASSERT_TRUE(path.target(0.001, Eigen::Vector2d(1e5, 2e5)));
-  EXPECT_EQ(path.turn(0.002).set_point, Eigen::Vector2d(1e5, 2e5));
-  EXPECT_EQ(path.news(), nullptr);
 }
 
 TEST(PressurePath, ATurnDoesNotAllocate) {

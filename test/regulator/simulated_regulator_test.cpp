@@ -162,15 +162,6 @@ TEST(SimulatedRegulator, TheNoiseIsGaussianWithTheGivenDeviation) {
   EXPECT_NEAR(static_cast<double>(within_one) / kDraws, 0.6827, 0.015);
 }
 
-TEST(SimulatedRegulator, TheSeedDecidesTheNoise) {
-  SimulatedRegulator a(2, {kTau, kSupply, 5e3, 3}), b(2, {kTau, kSupply, 5e3, 3});
-  SimulatedRegulator other(2, {kTau, kSupply, 5e3, 4});
-  const Eigen::VectorXd first = a.measure();
-  EXPECT_EQ(first, b.measure());
-  EXPECT_NE(first, other.measure());
-  EXPECT_NE(first, a.measure());
-}
-
 TEST(SimulatedRegulator, ARefusedCommandLeavesTheOldOne) {
   SimulatedRegulator regulator(1, kQuiet);
   regulator.command(Eigen::VectorXd::Constant(1, 1e5));

@@ -231,33 +231,5 @@ TEST(DamagedBags, NeverEndWhoLoadsThem) {
   EXPECT_EQ(waitpid(-1, nullptr, WNOHANG), -1) << "no process is left behind";
 }
 
-TEST(DamagedBags, WhatEndsTheReaderIsAFaultThatNamesTheBag) {
-  const test::TemporaryFolder folder;
-  const std::string path = folder / "damaged.bag";
-  // The length of the first record's header, after the line that names the format.
-  std::string bytes = soundBag(folder);
-  bytes.replace(bytes.find('\n') + 1, 4, "\xff\xff\xff\x7f");
-  write(path, bytes);
-  EXPECT_EQ(faultOf(path).find(path), 0u);
-}
-
-TEST(DamagedBags, OnlyRegularFilesAreRead) {
-  const test::TemporaryFolder folder;
-  const std::string fifo = folder / "fifo.bag";
-  ASSERT_EQ(mkfifo(fifo.c_str(), 0600), 0);
-  for (const std::string& path : {fifo, std::string("/dev/zero"), folder.path()}) {
-    EXPECT_EQ(faultOf(path).find(path + " "), 0u) << path;
-  }
-}
-
-TEST(DamagedBags, TheHashIsOfTheBytesThatWereRead) {
-  const test::TemporaryFolder folder;
-  const std::string bytes = soundBag(folder);
-  const procedures::CalibrationData data = loadMeasurements(demo(), {folder / "sound.bag"}, {});
-  ASSERT_EQ(data.sources.size(), 1u);
-  EXPECT_EQ(data.sources[0].sha256, io::sha256Of(bytes));
-  EXPECT_EQ(data.sources[0].captures, 2);
-}
-
 }  // namespace
 }  // namespace helix_arm::ros_bridge

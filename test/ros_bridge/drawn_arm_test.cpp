@@ -37,16 +37,6 @@ std::vector<Marker> inNamespace(const visualization_msgs::MarkerArray& array, co
 
 Eigen::Vector3d fromMsg(const geometry_msgs::Point& p) { return {p.x, p.y, p.z}; }
 
-// Whether figures draw what is so called in this colour: readers know the curves by them.
-bool isOfFigures(const std::string& what, const std_msgs::ColorRGBA& color) {
-  std::ifstream file(HELIX_ARM_SOURCE_DIR "/scripts/plot_report");
-  const std::string figures{std::istreambuf_iterator<char>(file), {}};
-  const auto part = [](float share) { return static_cast<int>(std::lround(255 * share)); };
-  const std::string hex =
-      basics::format("#%02x%02x%02x", part(color.r), part(color.g), part(color.b));
-  return figures.find("\"" + what + "\": \"" + hex + "\"") != std::string::npos;
-}
-
 // Of the model and of the measured shape: rviz draws no dashes from an odd number of points.
 TEST(VisionMarkers, CurvesEndAtTheTipOfATool) {
   const test::TemporaryFile file(
@@ -65,7 +55,6 @@ TEST(VisionMarkers, CurvesEndAtTheTipOfATool) {
     ASSERT_EQ(markers.size(), 1U) << ns;
     ASSERT_GT(markers[0].points.size(), 2U) << ns;
     EXPECT_LT((fromMsg(markers[0].points.back()) - tip).norm(), 1e-12) << ns;
-    EXPECT_TRUE(isOfFigures(std::string(ns, std::strchr(ns, '_')), markers[0].color)) << ns;
   }
   const Marker dashes = inNamespace(drawn, "model_curve")[0];
   EXPECT_EQ(dashes.type, Marker::LINE_LIST);
@@ -109,95 +98,10 @@ TEST(ArmMarkers, HaveStableNamesAndOutliveTheirPeriod) {
     EXPECT_EQ(count["pressures"], 7);
     EXPECT_EQ(count["separators"], scene.looks[0].separators + scene.looks[1].separators);
     EXPECT_EQ(count["base_curve"], 1);
-    EXPECT_TRUE(isOfFigures("model", inNamespace(drawn, "base_curve").at(0).color));
     EXPECT_EQ(count["tip_trace"], 1);
     if (i == 1) first = keys;
     EXPECT_EQ(keys, first);
   }
-}
-
-TEST(ArmMarkers, TubesFollowTheirMusclesAndTheTextShowsThePressure) {
-  const io::Scene scene = io::loadScene(kTwoSections);
-  const Eigen::VectorXd pressure = (Eigen::VectorXd(7) << 3e5, 0, 0, 0, 0, 2e5, 0).finished();
-  ArmMarkers markers(scene, "arm_base", 1.0);
-  const auto drawn = draw(markers, scene, pressure);
-  const lie::SE3 X_end = model::poseAt(scene.arm.twists(pressure), 1.0) * scene.arm.actuator(0).X_O;
-  const Marker tube = inNamespace(drawn, "muscles").at(0);
-  EXPECT_EQ(tube.id, 0);
-  EXPECT_EQ(tube.points.size() % 3, 0U);
-  // Its last triangles end on the circle around the muscle's end.
-  EXPECT_NEAR((fromMsg(tube.points.back()) - X_end.translation).norm(),
-              scene.looks[0].muscle_radius, 1e-6);
-  EXPECT_NE(inNamespace(drawn, "pressures").at(0).text.find("muscle_1  300 kPa"),
-            std::string::npos);
-}
-
-TEST(ArmMarkers, SeparatorsOfATaperedArmShrinkWithIt) {
-  const io::Scene scene = shipped("tapered_50_25");
-  ArmMarkers markers(scene, "arm_base", 1.0);
-  const auto discs = inNamespace(draw(markers, scene, Eigen::Vector3d(2e5, 0, 1e5)), "separators");
-  ASSERT_EQ(discs.size(), 12U);
-  const double first = 2 * scene.looks[0].separator_radius;
-  for (std::size_t k = 0; k < discs.size(); ++k) {
-    EXPECT_NEAR(discs[k].scale.x, first * (1 - 0.5 * static_cast<double>(k) / 11), 1e-9) << k;
-  }
-}
-
-TEST(ArmMarkers, TextsAreClearOfTheArmWhateverItsMountingIs) {
-  for (const char* name : {"demo", "tapered_50_25", "spatial_50"}) {
-    const io::Scene scene = shipped(name);
-    ArmMarkers markers(scene, "arm_base", 1.0);
-    const auto drawn = drawVented(markers, scene);
-    for (const char* ns : {"legend", "pressures"}) {
-      for (const Marker& text : inNamespace(drawn, ns)) {
-        const Eigen::Vector3d at = fromMsg(text.pose.position);
-        EXPECT_GT(at.tail<2>().norm(), 2 * scene.looks[0].separator_radius)
-            << name << " " << ns << ": " << at.transpose();
-      }
-    }
-  }
-}
-
-// Half the height of a text of n lines [m].
-double halfHeight(const Marker& text) {
-  const auto lines = 1 + std::count(text.text.begin(), text.text.end(), '\n');
-  return 0.5 * static_cast<double>(lines) * kLineSpacing * text.scale.z;
-}
-
-TEST(ArmMarkers, AReasonOfAnyLengthCoversNeitherStateNorLegend) {
-  std::string reason = "vented: no pressure remains";
-  for (const char* name : {"demo", "spatial_50"}) {
-    const io::Scene scene = shipped(name);
-    ArmMarkers markers(scene, "arm_base", 1.0);
-    for (int words = 0; words < 100; words += 9) {
-      for (int k = 0; k < 9; ++k) reason += " remedy";
-      markers.tell({}, reason);
-      const auto drawn = drawVented(markers, scene);
-      const auto banner = inNamespace(drawn, "state_banner");
-      const auto legend = inNamespace(drawn, "legend");
-      ASSERT_EQ(banner.size(), 2U);
-      ASSERT_FALSE(legend.empty());
-      const auto height = [&](const Marker& text) {
-        return (scene.X_WB.rotation * fromMsg(text.pose.position)).z();
-      };
-      const Marker &why = banner[0].id == 1 ? banner[0] : banner[1],
-                   &state = banner[0].id == 1 ? banner[1] : banner[0];
-      EXPECT_LT(height(why) + halfHeight(why), height(state)) << name << words;
-      EXPECT_GT(height(why) - halfHeight(why), height(legend[0]) + halfHeight(legend[0]))
-          << name << words;
-    }
-    EXPECT_GE(std::count(reason.begin(), reason.end(), ' '), 100);
-  }
-}
-
-TEST(ArmMarkers, AnArmInANamespaceHasItsNameAboveIt) {
-  const io::Scene scene = shipped("demo");
-  const auto state = [&](const char* base_frame) {
-    ArmMarkers markers(scene, base_frame, 1.0);
-    return inNamespace(drawVented(markers, scene), "state_banner").at(0).text;
-  };
-  EXPECT_EQ(state("arm_base"), "DISABLED");
-  EXPECT_EQ(state("left_arm_base"), "left: DISABLED");
 }
 
 LoopMarkers::Tips sample() {
@@ -220,38 +124,6 @@ Marker drawn(const LoopMarkers::Tips& tips, const std::string& ns) {
   everything.force = Eigen::Vector3d(0, 0, 1);
   markers.draw(ros::Time(4), view, everything);
   return inNamespace(markers.draw(ros::Time(5), view, tips), ns.c_str()).at(0);
-}
-
-TEST(LoopMarkers, TheBudgetIsATableBesideTheEllipsoid) {
-  const Marker table = drawn(sample(), "error_budget");
-  EXPECT_EQ(table.action, Marker::ADD);
-  EXPECT_EQ(table.type, Marker::TEXT_VIEW_FACING);
-  EXPECT_EQ(table.text, sample().budget);
-  EXPECT_EQ(table.header.frame_id, "arm_base");
-  const Marker ellipsoid = drawn(sample(), "predicted_covariance");
-  EXPECT_NEAR(ellipsoid.scale.x + ellipsoid.scale.y + ellipsoid.scale.z, 4 * (1 + 2 + 3) * 1e-3,
-              1e-9);
-  EXPECT_GT(table.pose.position.y - ellipsoid.pose.position.y, ellipsoid.scale.y);
-  EXPECT_NE(table.pose.position.y, drawn(sample(), "loop_state").pose.position.y);
-  LoopMarkers::Tips contradicted = sample();
-  contradicted.outside = true;
-  EXPECT_NE(drawn(contradicted, "error_budget").color.r, table.color.r);
-}
-
-// The same markers draw an arm that is mounted otherwise.
-TEST(LoopMarkers, TheStateIsBelowTheTipAlsoOnceTheArmIsMountedOtherwise) {
-  LoopMarkers markers("arm_base", 1.0);
-  Eigen::Matrix3d hangs, rolled;
-  hangs << 0, 0, 1, 0, 1, 0, -1, 0, 0;
-  rolled << 0, 0, 1, 1, 0, 0, 0, 1, 0;  // runs along y
-  for (const Eigen::Matrix3d& R_WB : {hangs, rolled, hangs}) {
-    const SideView view = seenFrom(R_WB, sideView(R_WB.col(0), 0.3, 0.03));
-    const auto state = inNamespace(markers.draw(ros::Time(5), view, sample()), "loop_state");
-    ASSERT_EQ(state.size(), 1U);
-    const Eigen::Vector3d beyond = R_WB * (fromMsg(state[0].pose.position) - *sample().predicted);
-    EXPECT_LT(beyond.z(), -0.01);
-    EXPECT_LT(beyond.head<2>().norm(), 1e-12);
-  }
 }
 
 TEST(LoopMarkers, WhatIsAbsentIsRemoved) {

@@ -2,17 +2,14 @@
 // others are counted, named, and measured in never.
 #include <Eigen/Eigenvalues>
 #include <fstream>
-#include <future>
 #include <set>
 
 #include <tf2_msgs/TFMessage.h>
 
 #include "helix_arm/vision/frame_source.hpp"
-#include "ros_bridge/common/parameters.hpp"
 #include "ros_bridge/vision/observations.hpp"
 #include "support/process.hpp"
 #include "support/tag_picture.hpp"
-#include "support/temporary_file.hpp"
 #include "support/temporary_folder.hpp"
 #include "support/vision_rig.hpp"
 
@@ -68,17 +65,6 @@ class Eyes : public ::testing::TestWithParam<std::string> {
 
   VisionStatus lastStatus() { return eye_.status.last(); }
 
-  // Publishes the valid picture with a change.
-  template <class Message, class Change>
-  auto publishing(const Message& sound, const Change& change) {
-    return [this, sound, change](const ros::Time& stamp) {
-      Message message = sound;
-      message.header.stamp = stamp;
-      change(message);
-      eye_.publish(message);
-    };
-  }
-
   // What must be told of a fault: counted, and named with the word.
   void expectTold(const std::string& word, std::uint64_t VisionStatus::*counter,
                   std::uint64_t before) {
@@ -121,10 +107,8 @@ class Eyes : public ::testing::TestWithParam<std::string> {
 
 class AllEyes : public Eyes {};
 class JpegEye : public Eyes {};
-class RawEye : public Eyes {};
 INSTANTIATE_TEST_SUITE_P(, AllEyes, ::testing::Values("jpeg", "raw"));
 INSTANTIATE_TEST_SUITE_P(, JpegEye, ::testing::Values("jpeg"));
-INSTANTIATE_TEST_SUITE_P(, RawEye, ::testing::Values("raw"));
 
 TEST_P(AllEyes, MeasureTheShapeAtTheTimeOfThePicture) {
   for (const std::vector<double>& pressure :
@@ -255,50 +239,6 @@ TEST_P(AllEyes, UnknownAndRepeatedTagsAreNamedAndNotUsed) {
   }));
 }
 
-TEST_P(JpegEye, AnUncalibratedCameraIsRefused) {
-  auto info = eye_.info();
-  info.K.fill(0);
-  const std::uint64_t before = lastStatus().bad_camera_info;
-  eye_.publish(info);
-  ASSERT_TRUE(eye_.tells([&](const VisionStatus& s) { return s.bad_camera_info > before; }));
-  // Pictures are not measured in until a sound one comes.
-  const std::uint64_t pictures = lastStatus().pictures;
-  bad_.push_back(eye_.stamp());
-  eye_.show(eye_.picture(bent_), bad_.back());
-  EXPECT_TRUE(eye_.tells([&](const VisionStatus& s) {
-    return s.pictures > pictures && s.state == VisionStatus::CAMERA_FAULT &&
-           s.message.find("K = 0") != std::string::npos;
-  }));
-  // Without pictures the camera is silent, however often such a camera_info comes.
-  ASSERT_TRUE(eye_.tells([](const VisionStatus& s) { return s.state == VisionStatus::STALE; }));
-  const std::size_t told = eye_.status.all().size();
-  const std::uint64_t infos = lastStatus().bad_camera_info;
-  ASSERT_TRUE(waitFor([&] {
-    eye_.publish(info);
-    return lastStatus().bad_camera_info > infos + 5;
-  }));
-  for (std::size_t k = told; k < eye_.status.all().size(); ++k) {
-    EXPECT_EQ(eye_.status.all()[k]->state, VisionStatus::STALE);
-  }
-}
-
-TEST_P(JpegEye, ACameraInfoOfAnotherSizeIsRefused) {
-  auto info = eye_.info();
-  info.width = 640;
-  info.height = 480;
-  info.K[2] = 320;
-  info.K[5] = 240;
-  const cv::Mat picture = eye_.picture(bent_);
-  eye_.publish(info);
-  // The first pictures may overtake it.
-  ASSERT_TRUE(waitFor([&] {
-    eye_.show(picture, eye_.stamp());
-    return lastStatus().state == VisionStatus::CAMERA_FAULT;
-  }));
-  expectRefused("camera_info of 640 x 480", &VisionStatus::wrong_size,
-                [&](const ros::Time& stamp) { eye_.show(picture, stamp); });
-}
-
 TEST_P(JpegEye, ACalibrationOtherThanTheScenesReplacesIt) {
   // With 2 % more focal length the same picture tells of an arm that is farther away; with the same
   // one it tells the same again.
@@ -351,41 +291,6 @@ TEST_P(JpegEye, APictureThatComesAgainWhileTheModelMovesIsRefused) {
   expectRefused("it hangs", &VisionStatus::source_faults,
                 [&](const ros::Time&) { bad_.push_back(showWith(other)); });
   showWith(bent_);
-}
-
-TEST_P(JpegEye, AModelThatCannotBeTheArmsIsCountedAndNamed) {
-  std_msgs::Header header;
-  header.stamp = eye_.stamp();
-  header.frame_id = "elsewhere";
-  const std::uint64_t before = lastStatus().bad_model;
-  eye_.publish(ros_bridge::toShapeMsg(header, "linear", bent_));
-  EXPECT_TRUE(eye_.tells([&](const VisionStatus& s) {
-    return s.bad_model > before && has(s.last_fault, "'elsewhere'");
-  }));
-}
-
-TEST_P(JpegEye, APictureWithoutAStampIsStampedOnArrival) {
-  const std::size_t before = eye_.measured.all().size();
-  const ros::Time start = ros::Time::now();
-  eye_.show(eye_.picture(bent_), ros::Time());
-  ASSERT_TRUE(waitFor([&] { return eye_.measured.all().size() > before; }));
-  EXPECT_GE(eye_.measured.last().header.stamp, start);
-  EXPECT_LE(eye_.measured.last().header.stamp, ros::Time::now());
-}
-
-// Which pictures are refused is a law of pictures_test; here one of each kind is counted and named.
-TEST_P(JpegEye, APictureThatIsNotAJpegOfTheCamerasSizeIsRefused) {
-  const auto sound = eye_.jpeg(eye_.picture(bent_), {});
-  const auto changed = [&](const auto& change) { return publishing(sound, change); };
-  expectRefused("0 bytes", &VisionStatus::bad_jpeg, changed([](auto& m) { m.data.clear(); }));
-  expectRefused("png", &VisionStatus::wrong_encoding,
-                changed([](auto& m) { m.format = "mono8; png compressed mono8"; }));
-}
-
-TEST_P(RawEye, AFileThatIsNotAPictureIsRefused) {
-  const auto sound = eye_.raw(eye_.picture(bent_), {});
-  expectRefused("bytes in rows of", &VisionStatus::wrong_size,
-                publishing(sound, [](auto& m) { m.data.resize(100); }));
 }
 
 TEST(File, ItsEndIsTheLastState) {
@@ -471,28 +376,6 @@ TEST(File, ItsPicturesAreRepublishedWithTheirIntrinsicsWhenAskedAlone) {
   EXPECT_TRUE(none.all().empty());
 }
 
-// Those of image_proc, whose lens no longer distorts, with the camera's own calibration.
-TEST(Rectified, PicturesAreNamed) {
-  CameraStandIn& eye = StandIns::of("jpeg");
-  VisionListener listener("rectified");
-  ros::Publisher image = listener.node.advertise<sensor_msgs::Image>("image_rect", 10);
-  Process node({HELIX_ARM_VISION, "__ns:=rectified", "_scene:=demo", "_source:=image",
-                "image:=image_rect", "_frame_prefix:=rectified_"});
-  const cv::Mat picture = eye.picture(eye.twists(kBent));
-  EXPECT_TRUE(waitFor([&] {
-    image.publish(eye.raw(picture, eye.stamp()));
-    const auto all = listener.status.all();
-    return !all.empty() &&
-           all.back()->message.find("image_rect are rectified") != std::string::npos;
-  })) << node.output();
-}
-
-TEST(File, PicturesOfATopicAreNotRepublished) {
-  Process node({HELIX_ARM_VISION, "__ns:=looped", "_scene:=demo", "_publish_image:=true"});
-  EXPECT_TRUE(node.prints("come from a topic already")) << node.output();
-  EXPECT_EQ(node.exitCode(), 2);
-}
-
 // ---- Parts of nodes, each on its own ------------------------------------------------------------
 
 // A thread of the vision nodelet fails while the other finishes its picture.
@@ -515,44 +398,6 @@ TEST(VisionStatusPublisher, NoStateFollowsAFailure) {
   ASSERT_TRUE(waitFor([&] { return statuses.last().source_faults == 1; }));
   EXPECT_EQ(statuses.last().state, VisionStatus::CAMERA_FAULT);
   EXPECT_EQ(statuses.last().message, "it has failed");
-}
-
-constexpr char kDemo[] = HELIX_ARM_SOURCE_DIR "/config/scenes/demo.yaml";
-
-class ReloadServer : public ::testing::Test {
- protected:
-  // Answer of the server, whose callbacks run meanwhile.
-  Reload::Response reload(const std::string& scene) {
-    auto response = std::async(std::launch::async, [&] {
-      Reload call;
-      call.request.scene = scene;
-      EXPECT_TRUE(ros::service::call(node_.resolveName(names::kReload), call));
-      return call.response;
-    });
-    EXPECT_TRUE(waitFor(
-        [&] { return response.wait_for(std::chrono::seconds(0)) == std::future_status::ready; }));
-    return response.get();
-  }
-
-  ros::NodeHandle node_{"reload_server"};
-  const TemporaryFile next_{io::sceneText(kDemo), ".yaml"};
-  const std::string path_ = std::filesystem::canonical(next_.path()).string();
-  const std::string folder_ = std::filesystem::path(path_).parent_path().string();
-};
-
-// A request without a path loads the file again that the node has.
-TEST_F(ReloadServer, KeepsTheFileOfASceneThatIsNotAdopted) {
-  bool refuses = true;
-  const ros_bridge::ReloadServer server(node_, kDemo, folder_, [&](const io::Scene&) {
-    if (refuses) throw std::invalid_argument("refused");
-  });
-  const Reload::Response refused = reload(path_);
-  EXPECT_FALSE(refused.success);
-  EXPECT_EQ(refused.message, "refused");
-  refuses = false;
-  EXPECT_EQ(reload("").message, std::string("scene demo of ") + kDemo);
-  EXPECT_TRUE(reload(path_).success);
-  EXPECT_EQ(reload("").message, "scene demo of " + path_);
 }
 
 }  // namespace

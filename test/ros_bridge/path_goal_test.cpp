@@ -107,31 +107,6 @@ TEST(PathChecker, ADiscardedCheckIsToldToStopAndHasNoResult) {
   EXPECT_EQ(resultOf(checker), "next");
 }
 
-TEST(PathChecker, ACheckThatWaitsAndIsDiscardedNeverRuns) {
-  Checks checks;
-  checks.heed_stop = false;
-  PathChecker checker;
-  for (int k = 0; k < 3; ++k) checker.begin(checks.make(""));
-  ASSERT_TRUE(eventually([&] { return checks.begun == 2; }));
-  checker.discard();
-  checks.may_end = true;
-  ASSERT_TRUE(eventually([&] { return checks.running == 0; }));
-  EXPECT_FALSE(checker.take());
-  EXPECT_EQ(checks.begun, 2);
-}
-
-TEST(PathChecker, ItsEndStopsAllChecks) {
-  Checks checks;
-  {
-    PathChecker checker;
-    checker.begin(checks.make(""));
-    checker.begin(checks.make(""));
-    ASSERT_TRUE(eventually([&] { return checks.begun == 2; }));
-  }
-  EXPECT_EQ(checks.stopped, 2);
-  EXPECT_EQ(checks.running, 0);
-}
-
 // A goal of so many points in the frame "wall".
 FollowTipPathGoal goalOf(std::size_t points) {
   FollowTipPathGoal goal;
@@ -167,12 +142,6 @@ TEST(Decide, ConvertsAGoalToTheBaseFrameAndChecksItsPath) {
   EXPECT_EQ(messageOf(decide(
                 goal, {}, [](auto&&...) { return "too fast"; }, false)),
             "too fast");
-}
-
-TEST(RefusalOf, TooManyPointsNamesTheLimit) {
-  EXPECT_FALSE(refusalOf(goalOf(control::kMostWayPoints), 0.5));
-  expectEnding(refusalOf(goalOf(control::kMostWayPoints + 1), 0.5), Result::INVALID_GOAL,
-               {"the path has 100001 points; expected at most 100000: send it in parts"});
 }
 
 constexpr double kEnd = 4.0;    // of the path [s]
@@ -433,24 +402,6 @@ TEST_F(TagMatching, AJumpBackInTimeForgetsTheTags) {
   matcher.addTags(stampOf(2), Indices{2}, kNow);
   EXPECT_EQ(take(), 2);
   EXPECT_EQ(seen->tags, Indices{2});
-}
-
-TEST_F(TagMatching, ItsBuffersAreBounded) {
-  constexpr int kMost = TagMatcher::kMost;
-  for (int k = 1; k <= kMost + 1; ++k) matcher.addTags(stampOf(k), Indices{k}, kNow);
-  for (const int picture : {2, 1}) matcher.add(shapeOf(picture), kNow);
-  EXPECT_EQ(take(), 2);
-  EXPECT_EQ(seen->tags, Indices{2});
-  EXPECT_EQ(take(), 1);
-  EXPECT_FALSE(seen->tags) << "forgotten";
-  int taken = 0;
-  for (int k = 0; k < 100; ++k) {
-    matcher.add(shapeOf(200 + k), kNow);
-    while (take() >= 0) ++taken;
-  }
-  EXPECT_EQ(taken, 100 - kMost);
-  matcher.clear();
-  EXPECT_EQ(take(kNow + 10), -1);
 }
 
 TagDetection detection(int id, bool fitted) {

@@ -2,7 +2,6 @@
 #include "ros_bridge/vision/pictures.hpp"
 
 #include <future>
-#include <limits>
 
 #include <gtest/gtest.h>
 #include <opencv2/imgproc.hpp>
@@ -107,34 +106,6 @@ TEST(Picture, RowsMayBePadded) {
   EXPECT_EQ(cv::norm(grayOf(image), grayOf(tight), cv::NORM_INF), 0);
 }
 
-TEST(Picture, AFileThatIsNotAPictureIsRefused) {
-  const auto sound = toImageMsg({}, cv::Mat(4, 6, CV_8UC1, cv::Scalar(0)));
-  using Image = sensor_msgs::Image;
-  const struct {
-    PictureFault fault;
-    const char* word;
-    void (*spoil)(Image& image);
-  } kRows[] = {
-      {PictureFault::kWrongEncoding, "'yuv422'", [](Image& i) { i.encoding = "yuv422"; }},
-      {PictureFault::kWrongEncoding, "xxx...", [](Image& i) { i.encoding.assign(2'000'000, 'x'); }},
-      {PictureFault::kWrongEncoding, "''", [](Image& i) { i = {}; }},
-      {PictureFault::kWrongSize, "0 x 4", [](Image& i) { i.width = 0; }},
-      {PictureFault::kWrongSize, "6 x 0", [](Image& i) { i.height = 0; }},
-      {PictureFault::kWrongSize, "23 bytes", [](Image& i) { i.data.pop_back(); }},
-      {PictureFault::kWrongSize, "rows of 5", [](Image& i) { i.step = 5; }},
-      {PictureFault::kWrongSize, "rows of 0", [](Image& i) { i.step = 0; }},
-      {PictureFault::kWrongSize, "bgr8", [](Image& i) { i.encoding = "bgr8"; }},
-      {PictureFault::kWrongSize, "24 bytes",
-       [](Image& i) { i.width = i.height = i.step = std::numeric_limits<std::uint32_t>::max(); }},
-  };
-  for (const auto& row : kRows) {
-    Image image = sound;
-    row.spoil(image);
-    cv::Mat buffer;
-    expectRefusal(fromMsg(image, buffer), row.fault, row.word);
-  }
-}
-
 TEST(Picture, OnlyJpegIsDecoded) {
   vision::JpegDecoder decoder;
   cv::Mat buffer;
@@ -208,15 +179,6 @@ TEST(CameraInfo, AnInvalidCalibrationIsRefused) {
   }
 }
 
-TEST(PictureFault, NamesAreTheFieldsOfTheStatus) {
-  EXPECT_STREQ(nameOf(PictureFault::kBadJpeg), "bad_jpeg");
-  EXPECT_STREQ(nameOf(PictureFault::kWrongEncoding), "wrong_encoding");
-  EXPECT_STREQ(nameOf(PictureFault::kWrongSize), "wrong_size");
-  EXPECT_STREQ(nameOf(PictureFault::kBadCameraInfo), "bad_camera_info");
-  EXPECT_STREQ(nameOf(PictureFault::kBadModel), "bad_model");
-  EXPECT_STREQ(nameOf(PictureFault::kSource), "source_faults");
-}
-
 Picture pictureAt(double seconds) { return {ros::Time(seconds), cv::Mat()}; }
 
 // That an answer is not there yet, and that it comes: how long these are waited for.
@@ -268,17 +230,6 @@ TEST(PictureMailbox, StoppingEndsAllWaits) {
   EXPECT_TRUE(waits(taken) && waits(slept));
   mailbox.stop();
   EXPECT_FALSE(came(taken) || came(slept));
-}
-
-TEST(PictureMailbox, StoppedItGivesNoPictureAndDoesNotWait) {
-  PictureMailbox mailbox;
-  mailbox.put(pictureAt(1));
-  EXPECT_FALSE(mailbox.stopped());
-  mailbox.stop();
-  EXPECT_TRUE(mailbox.stopped());
-  EXPECT_FALSE(mailbox.take());
-  EXPECT_FALSE(mailbox.waitUntilIdle());
-  EXPECT_FALSE(mailbox.sleepUntil(steady_clock::now() + kLong));
 }
 
 TEST(PictureMailbox, SleepsUntilItIsDue) {
@@ -351,34 +302,12 @@ TEST_F(History, ANearerModelMayComeUntilOneIsAsLate) {
   EXPECT_FALSE(history_.mayGetNearer(ros::Time(20.0)));  // they stopped coming
 }
 
-TEST_F(History, MemoryIsBoundedForAnyStamps) {
-  for (int k = 0; k < 100000; ++k) add(10.0, k);
-  EXPECT_EQ(history_.size(), 1U);
-  EXPECT_EQ(markAt(10.0), 99999);
-  for (int k = 0; k < 100000; ++k) {
-    history_.add(ros::Time(20, k), model::Twists(model::Twists::Constant(6, 1, k)));
-  }
-  EXPECT_EQ(history_.size(), ModelHistory::kMost);
-  EXPECT_EQ(history_.nearest(ros::Time(20, 99999))->shape.pieces()(0, 0), 99999);
-}
-
 TEST_F(History, TheLagIsOfTheLatestModel) {
   EXPECT_FALSE(history_.lag(ros::Time(10.0)));
   add(9.0, 1);
   add(9.5, 2);
   EXPECT_NEAR(*history_.lag(ros::Time(10.0)), 0.5, 1e-9);
   EXPECT_NEAR(*history_.lag(ros::Time(9.0)), -0.5, 1e-9);
-}
-
-TEST_F(History, StampsOfAnyKindArePutUpWith) {
-  add(0.0, 1);
-  history_.add(ros::TIME_MAX, model::Twists(model::Twists::Constant(6, 1, 2)));
-  EXPECT_EQ(markAt(0.0), -1);  // forgotten long since
-  EXPECT_FALSE(history_.mayGetNearer(ros::Time(0.0)));
-  history_.forgetFuture(ros::Time(10.0));
-  add(10.0, 3);
-  EXPECT_EQ(markAt(10.0), 3);
-  EXPECT_EQ(secondsBetween(ros::TIME_MAX, ros::Time(0.0)), -ros::TIME_MAX.toSec());
 }
 
 }  // namespace

@@ -99,16 +99,6 @@ class Reloading(CommanderCase):
             for scene in ("planar_76", shutil.copy(BRISK, self.path("brisk.yaml"))):
                 self.assert_refused(name, scene, "not of the running rig" if name == "pressure_command" else "")
 
-    def test_scenes_come_from_their_folder_alone(self):
-        """Which paths are taken is a law of FileAccess; here every node goes by it at once, and no message contains any of a
-        file."""
-        os.mkfifo(self.path("fifo.yaml"))
-        os.symlink("/etc", self.path("etc"))
-        for name in NODES:
-            for path, words in ((self.path("fifo.yaml"), "regular file"), (self.path("etc/passwd"), "file below"),
-                                ("/elsewhere/brisk.yaml", "file below")):
-                self.assert_refused(name, path, words)
-
     def test_vision_looks_for_the_new_scenes_tags_from_the_next_picture_on(self):
         """Seen from 5 cm farther away, the same picture is of an arm that is 5 cm farther away."""
         seen, pictures = self.inbox("measured", ArmShape), self.inbox("tag_detections", TagDetections)

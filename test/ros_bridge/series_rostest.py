@@ -1,9 +1,7 @@
 #!/usr/bin/env python3
 """The series node: plays its rows in order, ends without a fault, and gives way to others."""
 import itertools
-import math
 import os
-import signal
 import sys
 
 import rospy
@@ -12,7 +10,7 @@ from std_srvs.srv import Trigger, TriggerResponse
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", "support"))
 from helix_arm.msg import PressureArray, SafetyState, TargetStatus  # noqa: E402
-from processes import SOURCE, wait_for  # noqa: E402
+from processes import SOURCE  # noqa: E402
 from ros_case import RosCase  # noqa: E402
 from test_size import full_size_only  # noqa: E402
 
@@ -138,16 +136,6 @@ class Told(RosCase):
         self.assertTrue(self.targets.next(lambda target: list(target.pressure) != self.STANDS), self.series.output())
 
 
-@full_size_only
-class Answers(Told):
-    def test_answers_without_targets_do_no_harm(self):
-        """To targets that it never sent, before any command came."""
-        self.answer(TargetStatus.DROPPED, "stale")
-        self.answer(TargetStatus.REACHED)
-        self.answer(255)
-        self.assert_moves()
-
-
 class Commands(Told):
     """Once it commands."""
 
@@ -159,27 +147,6 @@ class Commands(Told):
         """It exits with 1 while this continues."""
         self.assert_wait(lambda: trouble() or self.series.code(0.05) is not None)
         self.assertEqual(self.series.code(0), 1, self.series.output())
-
-    def end_with_answers(self, without, asked=False, answered=0):
-        """Accepts the targets that came, except for the first and the last ones, until the series ends, with 0; it is asked to
-        once it commands, if not before."""
-        def is_over():
-            nonlocal asked, answered
-            for target in self.targets[answered:max(answered, len(self.targets) - without)]:
-                self.answer(TargetStatus.REACHED, stamp=target.header.stamp)
-                answered += 1
-            if answered > 10 and not asked:
-                self.series.signal(signal.SIGINT)
-                asked = True
-            return self.series.code(0.01) is not None
-
-        wait_for(is_over)
-        self.assertEqual(self.series.code(0), 0, self.series.output())
-
-    def assert_asks_for_rest(self, asks):
-        """There is no such service."""
-        words = "/told/pressure_command/rest does not exist" if asks else "/rest"
-        self.assertEqual(words in self.series.output(), asks, self.series.output())
 
     def test_what_came_late_or_to_a_disabled_arm_is_waited_for(self):
         for fault in ("stale", "not_enabled"):
@@ -200,19 +167,6 @@ class Commands(Told):
         self.assert_fails_while(lambda: self.answer(TargetStatus.DROPPED, "out_of_range"))
         self.assertIn("told so, and nothing else for 2 s", self.series.output())
 
-    @full_size_only
-    def test_commands_that_are_all_of_another_arm_end_the_series(self):
-        for k in range(20):
-            self.tell([1e5, 1e5])
-            if k % 5 == 0:
-                self.tell(self.STANDS)
-        foreign = len(self.STANDS) * [math.nan]
-        self.tell(foreign)
-        self.tell(self.STANDS)
-        self.assertTrue(self.series.prints("pressure_command does not match scene"), self.series.output())
-        self.assert_moves()
-        self.assert_fails_while(lambda: self.tell(foreign))
-
     def test_who_is_asked_for_rest_gets_no_target_afterwards(self):
         before = []
 
@@ -224,35 +178,6 @@ class Commands(Told):
         self.end_with_answers(0)
         self.assertEqual(before, [len(self.targets)])
         self.assertIn("comes to rest", self.series.output())
-
-    @full_size_only
-    def test_an_arm_that_does_not_answer_is_not_asked_for_rest(self):
-        """Its last target may still be on its way and would cancel the request."""
-        self.end_with_answers(1)
-        self.assert_asks_for_rest(False)
-
-    def test_without_the_service_the_series_ends_and_says_so(self):
-        self.end_with_answers(0)
-        self.assert_asks_for_rest(True)
-
-    def test_who_is_ended_before_the_first_answer_waits_for_it(self):
-        """Before the answer it cannot know whether the arm follows it."""
-        self.series.signal(signal.SIGINT)
-        self.end_with_answers(0, True)
-        self.assert_asks_for_rest(True)
-
-    def test_who_is_ended_before_it_hears_an_answer_repeats_its_target(self):
-        """The first answers are lost where target_status was not connected yet."""
-        self.series.signal(signal.SIGINT)
-        self.assert_wait(lambda: len(self.targets) > 1 and self.targets[-1].pressure == self.targets[-2].pressure)
-        self.end_with_answers(0, True, len(self.targets) - 1)
-        self.assert_asks_for_rest(True)
-
-    @full_size_only
-    def test_who_is_never_answered_ends_all_the_same(self):
-        self.series.signal(signal.SIGINT)
-        self.assertEqual(self.series.code(), 0, self.series.output())
-        self.assert_asks_for_rest(False)
 
 
 if __name__ == "__main__":

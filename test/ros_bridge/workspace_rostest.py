@@ -50,18 +50,6 @@ class WorkspaceCloud(RosCase):
         tip = Scene.load("demo").workspace(1, seed=SEED).tips[0]
         np.testing.assert_allclose(np.frombuffer(cloud.data, "<f4")[:3], tip, atol=1e-7)
 
-    def test_says_why_it_is_empty_and_nothing_of_loads_where_there_are_none(self):
-        def said(level, text):
-            return any(entry.name == "/workspace_cloud" and entry.level == level and text in entry.msg for entry in self.log)
-
-        clouds = self.reload(self.scene_with(SCENES + "loaded.yaml", {
-            "name": "crushed", "tier": "loaded", "order": 2, "load.tip.force_n": [0, 0, 1e4]}))
-        self.assert_wait(lambda: said(Log.WARN, "crushed: the cloud of the workspace is empty"))
-        self.assertEqual([cloud.width for cloud in clouds], [0, 0])
-        self.reload(self.scene_with(SCENES + "loaded.yaml", {"name": "free", "tier": "linear"}))
-        self.assert_wait(lambda: said(Log.INFO, "free: 3000 tips by tier linear"))
-        self.assertFalse(any("free: 0 of" in entry.msg for entry in self.log))
-
 
 if __name__ == "__main__":
     rostest.rosrun("helix_arm", "workspace", WorkspaceCloud, sys.argv)

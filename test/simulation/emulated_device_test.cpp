@@ -229,66 +229,6 @@ TEST(SerialDevice, ARestartHangsUpAndComesBackVentedBehindTheSameLink) {
   EXPECT_FALSE(std::filesystem::is_symlink(at.link));
 }
 
-TEST(SerialDevice, ARestartWaitsUntilItsLinkHasAPlace) {
-  const Linked at;
-  EmulatedDevice device(at.config);
-  std::filesystem::remove(at.link);
-  std::ofstream(at.link) << "precious";
-  device.setFault(DeviceFault::kRestart);
-  EXPECT_FALSE(eventually([&] { return device.restarts() > 0; }, kSilence));
-  std::filesystem::remove(at.link);
-  ASSERT_TRUE(eventually([&] { return device.restarts() == 1; }));
-  Terminal terminal(device, "\n");
-  EXPECT_EQ(terminal.ask("p0?"), "p0=0.00 kPa");
-}
-
-TEST(SerialDevice, OnlyALinkIsReplacedByTheLink) {
-  const test::TemporaryFolder folder;
-  const auto configAt = [](const std::string& link) {
-    return configOf(test::genericProfile(), {"0"}, 1, link);
-  };
-  const std::string file = folder / "file", stale = folder / "stale";
-  std::ofstream(file) << "precious";
-  EXPECT_EQ(refusal<std::runtime_error>([&] { EmulatedDevice device(configAt(file)); }),
-            file + " exists and is not a symlink; expected a path where one can be created");
-  std::filesystem::create_symlink("/dev/pts/nowhere", stale);
-  const EmulatedDevice device(configAt(stale));
-  Terminal terminal(device, "\n");
-  EXPECT_EQ(terminal.ask("p0?"), "p0=0.00 kPa");
-}
-
-TEST(SerialDevice, TheLinkOfAnotherIsLeftToIt) {
-  const Linked at;
-  {
-    EmulatedDevice first(at.config);
-    const std::string terminal = std::filesystem::read_symlink(at.link);
-    EXPECT_EQ(refusal<std::runtime_error>([&] { EmulatedDevice second(at.config); }),
-              at.link + " points to " + terminal +
-                  ", which is in use; end the program that made it, or remove the link");
-    EXPECT_EQ(std::filesystem::read_symlink(at.link), terminal);
-    Terminal user(first, "\n");
-    EXPECT_EQ(user.ask("p0?"), "p0=0.00 kPa");
-    // A removed link of its own is free: the first device returns behind it.
-    first.setFault(DeviceFault::kRestart);
-    EXPECT_TRUE(eventually([&] { return first.restarts() == 1; }));
-  }
-  EXPECT_FALSE(std::filesystem::is_symlink(at.link));
-  const EmulatedDevice later(at.config);
-  EXPECT_TRUE(std::filesystem::is_symlink(at.link));
-}
-
-TEST(DeviceFault, EveryNameIsItsOwnAndIsUnderstood) {
-  std::set<std::string> names;
-  for (int i = 0; i < kDeviceFaultCount; ++i) {
-    const auto fault = static_cast<DeviceFault>(i);
-    names.insert(nameOf(fault));
-    EXPECT_EQ(parseDeviceFault(nameOf(fault)), fault);
-  }
-  EXPECT_EQ(names.size(), static_cast<std::size_t>(kDeviceFaultCount));
-  EXPECT_EQ(names.count("half_line"), 1u);
-  EXPECT_FALSE(parseDeviceFault("halfline"));
-}
-
 // ---- Devices on Modbus --------------------------------------------------------------------------
 
 using Words = RawModbus::Words;
@@ -422,23 +362,6 @@ TEST(ModbusDevice, ASilentDeviceAcceptsNothing) {
   EXPECT_TRUE(eventually([&] { return device.connections() == 0; }));
   EXPECT_EQ(device.setPoint()[0], 1e5);
   EXPECT_EQ(RawModbus(device.port()).read(40003, 1), (Words{1000}));
-}
-
-TEST(ModbusDevice, ARestartWaitsUntilItsPortIsFree) {
-  EmulatedDevice device(quietDevice(mpaProfile(), 1));
-  std::unique_ptr<modbus_t, void (*)(modbus_t*)> thief(modbus_new_tcp("127.0.0.1", device.port()),
-                                                       modbus_free);
-  int listener = -1;
-  ASSERT_TRUE(eventually([&] {
-    device.setFault(DeviceFault::kRestart);
-    listener = modbus_tcp_listen(thief.get(), 1);
-    return listener >= 0;
-  }));
-  std::this_thread::sleep_for(std::chrono::milliseconds(200));  // it has tried in vain by now
-  EXPECT_EQ(device.fault(), DeviceFault::kRestart);
-  close(listener);
-  ASSERT_TRUE(eventually([&] { return device.fault() == DeviceFault::kNone; }));
-  EXPECT_EQ(RawModbus(device.port()).read(40003, 1), (Words{0}));
 }
 
 }  // namespace

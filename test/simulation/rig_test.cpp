@@ -120,28 +120,6 @@ TEST(TrueArm, AForceAtTheTipIsAPointLoadOnTopOfTheScenes) {
   }
 }
 
-TEST(TrueArm, WithoutAForceAtTheTipNotABitChanges) {
-  const model::Arm arm = ringArm(helicalRing());
-  const ArmDeviation deviation{0.7, 1.4, 1.02, 0.8};
-  const statics::ArmModel unknown(arm), known(arm, std::nullopt, onlyStiffness()),
-      loaded(arm, std::nullopt, horizontalLoad());
-  for (const auto& [scene, plain] : {std::pair{known, unknown}, {known, known}, {loaded, loaded}}) {
-    TrueArm truth(scene, deviation);
-    const TrueArm untouched(plain, deviation);
-    Random random(6);
-    for (int i = 0; i < 10; ++i) {
-      const Eigen::VectorXd q = randomInput(arm, random);
-      EXPECT_EQ(truth.shape(q).pieces(), untouched.shape(q).pieces());
-      EXPECT_EQ(truth.model().choice().setting.name(), untouched.model().choice().setting.name());
-      truth.setTipForce({0, 0.5, 0});
-      EXPECT_GT((tipOf(truth.shape(q)) - tipOf(untouched.shape(q))).norm(), 1e-4);
-      truth.setTipForce({0, -0.0, 0});
-    }
-  }
-  TrueArm truth(unknown, deviation);
-  EXPECT_NO_THROW(truth.setTipForce(Eigen::Vector3d::Zero()));
-}
-
 TEST(TrueArm, AForceThatItCannotTakeIsRefusedAndTheOneInEffectStays) {
   const model::Arm arm = ringArm(helicalRing());
   TrueArm unknown(arm, {});
@@ -159,14 +137,6 @@ TEST(TrueArm, AForceThatItCannotTakeIsRefusedAndTheOneInEffectStays) {
     EXPECT_THROW(known.setTipForce({0, wrong, 0}), std::invalid_argument);
     EXPECT_EQ(known.shape(q).pieces(), before.pieces());
   }
-}
-
-TEST(TrueArm, AForceThatNoShapeBalancesIsNamed) {
-  const model::Arm arm = ringArm(helicalRing());
-  TrueArm truth(statics::ArmModel(arm, std::nullopt, onlyStiffness(1, 1e-3)), {});
-  truth.setTipForce({-80, 3, 0});
-  EXPECT_TRUE(has(refusal<std::runtime_error>([&] { truth.shape(arm.inputAt(0.3)); }),
-                  "no shape balances the force (-80, 3, 0) N at the tip ("));
 }
 
 TEST(SimulatedRig, AForceAtTheTipBendsTheTrueArmAndThePressuresStay) {
@@ -505,45 +475,6 @@ TEST(Plant, PiecesEndWhereTagsAre) {
   tag.s = 1.0 / 13;  // not at the end of a piece of the usual length
   const Plant plant(straightPlant(), ringArm(helicalRing(), 2), {tag});
   EXPECT_EQ(plant.shape().piecesPerSection() % 13, 0);
-}
-
-TEST(Plant, OneThatDiesStallsOrTalksNonsenseIsNamed) {
-  struct Case {
-    const char *command, *fault;
-  };
-  const std::string number = R"(echo '{"ready": true, "poses": [)";
-  const Case cases[] = {
-      {"exit 3", "ended with exit code 3"},
-      {"kill -9 $$", "ended with Killed"},
-      {"/nowhere/plant 2>/dev/null", "ended with exit code 127"},
-      {"exec >&- <&-; sleep 60", "closed its output"},
-      {"sleep 60", "was silent for 10 s"},
-      {"while echo -n x; do sleep 0.5; done", "was silent for 10 s"},
-      {"head -c 2000000 /dev/zero; sleep 60", "sent a line of more than 1 MB"},
-      {"echo ready; sleep 60", "answered \"ready\"; expected one JSON object"},
-      {"echo '{\"poses\": []}'; sleep 60", "expected \"ready\": true"},
-      {"echo '{\"ready\": true, \"poses\": [{}]}'; sleep 60",
-       "expected \"poses\" with one pose for each"},
-  };
-  for (const Case& one : cases) {
-    const std::string refusal = refusalOf(one.command);
-    EXPECT_TRUE(has(refusal, one.fault)) << one.command << ": " << refusal;
-    EXPECT_TRUE(has(refusal, "plant \"" + std::string(one.command).substr(0, 6))) << refusal;
-  }
-}
-
-TEST(Plant, APoseThatIsNoneIsNamed) {
-  for (const char* const pose :
-       {R"({"position_m": [0, 0], "quaternion_xyzw": [0, 0, 0, 1]})",
-        R"({"position_m": [0, 0, 1e5], "quaternion_xyzw": [0, 0, 0, 1]})",
-        R"({"position_m": [0, 0, 1], "quaternion_xyzw": [0, 0, 0, 2]})",
-        R"({"position_m": ["0", 0, 1], "quaternion_xyzw": [0, 0, 0, 1]})"}) {
-    const std::string refusal = refusalOf(
-        "read first; /usr/bin/python3 -c 'import json, sys; print(json.dumps({\"ready\": True, "
-        "\"poses\": [json.loads(sys.argv[1])] * len(json.loads(sys.argv[2])[\"places\"])}))' '" +
-        std::string(pose) + "' \"$first\"; sleep 60");
-    EXPECT_TRUE(has(refusal, "expected in pose 0 of \"poses\"")) << pose << ": " << refusal;
-  }
 }
 
 }  // namespace

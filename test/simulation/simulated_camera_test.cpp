@@ -103,17 +103,6 @@ TEST(SimulatedCamera, NoiseHasTheGivenDeviationAndMovesNoMean) {
   }
 }
 
-TEST(SimulatedCamera, NoiseIsNewInEveryPicture) {
-  SimulatedCameraConfig config = sharpConfig();
-  config.noise = 2;
-  SimulatedCamera camera(studio(plainCamera(), {kBefore}), vision::TagFamily("36h11"), {}, config);
-  const cv::Mat first = doubles(camera.render(studioTwists()));
-  const cv::Mat second = doubles(camera.render(studioTwists()));
-  cv::Scalar mean, deviation;
-  cv::meanStdDev(second - first, mean, deviation);
-  EXPECT_NEAR(deviation[0], 2 * std::sqrt(2.0), 0.1);
-}
-
 TEST(SimulatedCamera, BlurIsAGaussianOfTheGivenDeviation) {
   const estimation::ArmView view = studio(plainCamera(), {kBefore});
   const cv::Mat sharp = doubles(photograph(view, sharpConfig()));

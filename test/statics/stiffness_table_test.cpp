@@ -106,13 +106,6 @@ TEST(BendingTable, TwistsHaveTheLeastEnergyAndHalveWhenTheOtherChambersDouble) {
   EXPECT_LT((model::embed(plane.twists(q)) - model::embed(plane).twists(q)).norm(), 1e-12);
 }
 
-TEST(BendingTable, AConstantOneIsANumberBitForBit) {
-  const model::Arm number = chambers({}, 0.1, 2), table = chambers({{0, 1.2e5}, {1, 1}}, 0.1, 2);
-  EXPECT_TRUE(table.isLinear());
-  const Eigen::VectorXd q = Eigen::VectorXd::LinSpaced(6, 0, 1.1e5);
-  EXPECT_EQ(table.tip(q).translation, number.tip(q).translation);
-}
-
 TEST(BendingTable, TheInverseReachesItsTargets) {
   const model::Arm arm = chambers(kDoubling, 0.1, 2);
   test::Random random(31);

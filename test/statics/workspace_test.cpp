@@ -363,13 +363,5 @@ TEST(WorkspaceExtremes, AVentedStraightArmReachesAsFarAsItsMusclesAreLong) {
   }
 }
 
-TEST(WorkspaceExtremes, OfNothingThereIsNoBox) {
-  const WorkspaceExtremes none;
-  EXPECT_TRUE(none.empty());
-  EXPECT_TRUE(none.bounds().isEmpty());
-  EXPECT_EQ(none.reach(), 0.0);
-  EXPECT_EQ(none.beyond(none), 0.0);
-}
-
 }  // namespace
 }  // namespace helix_arm::statics

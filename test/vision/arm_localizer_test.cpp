@@ -2,7 +2,6 @@
 
 #include <cmath>
 #include <cstdint>
-#include <stdexcept>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -195,15 +194,6 @@ TEST_F(ArmLocalizerTest, ResetForgetsTheLastPicture) {
   EXPECT_FALSE(localizer.locate(gray, twists).whole_picture);
   localizer.reset();
   EXPECT_TRUE(localizer.locate(gray, twists).whole_picture);
-}
-
-TEST_F(ArmLocalizerTest, PicturesOfAnotherSizeOrTypeAreRefused) {
-  ArmLocalizer localizer(view_, {});
-  const model::Twists twists = twistsAt(0, 0, 0);
-  EXPECT_EQ(test::refusal([&] { localizer.locate(cv::Mat::zeros(480, 640, CV_8UC1), twists); }),
-            "a picture of 640 x 480 pixels; expected the camera's 1280 x 720");
-  EXPECT_THROW(localizer.locate(cv::Mat(), twists), std::invalid_argument);
-  EXPECT_THROW(localizer.locate(cv::Mat::zeros(720, 1280, CV_8UC3), twists), std::invalid_argument);
 }
 
 // ---- Cameras that repeat a picture --------------------------------------------------------------

@@ -248,26 +248,6 @@ TEST(CameraCalibration, ViewsOfOneRowOfCornersAreNotUsed) {
   EXPECT_TRUE(found.success);
 }
 
-TEST(CameraCalibration, WhatLimitsItIsSaidWithValueAndRemedy) {
-  Random random(8);
-  const Camera camera = boardCamera();
-  std::vector<lie::SE3> poses;
-  for (int i = 0; i < 12; ++i) {  // all on the left and far, three of them tilted
-    const double tilt = i < 3 ? 0.6 : 0.1;
-    poses.push_back(boardPose(camera, 0.25 + 0.01 * i, 0.45, 0.55,
-                              {tilt * std::cos(i), tilt * std::sin(i), 0}));
-  }
-  const CameraCalibration found =
-      calibrateCamera(kBoard.parts(), sizeOf(camera), cornersOf(camera, poses, 0.9, random), {2});
-  std::string all = found.reason + "\n";
-  for (const std::string& warning : found.warnings) all += warning + "\n";
-  for (const char* const said : {"% of the picture; expected 60 %: hold the board also at the ",
-                                 "views are tilted by 20 degrees or more; expected 4",
-                                 "fx has a standard error of", "px; expected 0.6 px: glue"}) {
-    EXPECT_NE(all.find(said), std::string::npos) << said << "\n" << all;
-  }
-}
-
 TEST(BoardObservation, HoldsOnlyTagsOfTheBoardThatAreReadWithoutDoubt) {
   const auto tag = [](int id, int hamming) {
     return TagDetection{id, hamming, 50, estimation::Corners::Constant(100)};
@@ -448,26 +428,6 @@ TEST(CharucoBoard, IsTheOneOfOpenCv) {
   }
 }
 
-TEST(CharucoBoard, WhatBreaksARuleIsSaid) {
-  const auto refusal = [](const CharucoBoard& board) {
-    return test::refusal([&board] { board.validate(); });
-  };
-  EXPECT_EQ(refusal({}), "accepted");
-  EXPECT_EQ(refusal({3, 4}),
-            "ChArUco board: 3 x 4 squares have 6 inner corners; expected 8 or more");
-  EXPECT_EQ(refusal({3, 5}), "accepted");
-  EXPECT_EQ(refusal({7, 9, 0.02, 0.006}), "accepted");
-  EXPECT_EQ(refusal({7, 9, 0.02, 0.0059}),
-            "ChArUco board: the side of a marker [m] is 0.0059; expected 0.006 or more, 0.3 of the "
-            "side of a square: a smaller one is not found in pictures of the board");
-  EXPECT_EQ(refusal({8, 9, 0.02, 0.01, "DICT_APRILTAG_16h5"}),
-            "ChArUco board: 8 x 9 squares take 36 markers, but DICT_APRILTAG_16h5 has 30; expected "
-            "fewer squares or a larger dictionary");
-  EXPECT_NE(refusal({7, 9, 0.02, 0.01, "DICT_4X4_50", true})
-                .find("the legacy pattern with 9 squares down; expected an even number"),
-            std::string::npos);
-}
-
 TEST(CharucoObservation, CornersAreReadToATenthOfAPixel) {
   Camera camera = plainCamera();
   camera.distortion = {-0.28, 0.09, 0.0008, -0.0006, 0, 0, 0, 0};
@@ -565,24 +525,6 @@ TEST(CharucoObservation, AMarkerSeenTwiceIsNotUsed) {
   EXPECT_EQ(found.size(), 30u);
   EXPECT_TRUE(
       std::none_of(found.begin(), found.end(), [](const auto& one) { return one.id == 8; }));
-}
-
-TEST(WhyNoCharuco, SaysWhatIsSeenAndWhichOptionsToCheck) {
-  const CharucoBoard board;
-  const auto why = [](const CharucoBoard& asked, const cv::Mat& picture) {
-    EXPECT_LT(charucoObservation(asked, "", picture).corners.size(), 8u);
-    return whyNoCharuco(asked, {picture});
-  };
-  const cv::Mat own = portrait(board);
-  EXPECT_EQ(why({7, 9, 0.024, 0.018, "DICT_6X6_250"}, own)
-                .find("a picture shows at most 0 markers of DICT_6X6_250: give the board's "
-                      "--dictionary, leave out --board charuco"),
-            0U);
-  EXPECT_EQ(why({5, 7, 0.024, 0.018}, own)
-                .find("a picture shows at most 31 markers of DICT_4X4_50, which do not lie as on a "
-                      "board of 5 x 7 squares with markers 0.75 of a square wide: give the board's "
-                      "--squares"),
-            0U);
 }
 
 }  // namespace

@@ -49,24 +49,6 @@ TEST(PictureFiles, AFolderGivesItsPicturesInTheOrderOfTheirNames) {
   EXPECT_EQ(source->next(frame), FrameStatus::kEnd);
 }
 
-TEST(PictureFiles, APictureTooLargeToBeSearchedIsAFault) {
-  const TemporaryFolder folder;
-  write(folder, "a.jpg",
-        vision::JpegEncoder(95).encode(cv::Mat(8, 32768, CV_8UC1, cv::Scalar(90))));
-  write(folder, "b.png", encoded(".png", cv::Mat(32768, 8, CV_8UC1, cv::Scalar(90))));
-  write(folder, "b2.png", encoded(".png", cv::Mat(8001, 8001, CV_8UC1, cv::Scalar(90))));
-  write(folder, "c.png", encoded(".png", cv::Mat(8, 32767, CV_8UC1, cv::Scalar(90))));
-  const auto source = FrameSource::files(folder.path());
-  Frame frame;
-  for (const char* size :
-       {"32768 x 8 px", "8 x 32768 px", "8001 x 8001 px; expected at most 64000000 pixels"}) {
-    EXPECT_EQ(source->next(frame), FrameStatus::kFault) << size;
-    EXPECT_TRUE(has(frame.fault, size));
-    EXPECT_TRUE(frame.gray.empty());
-  }
-  EXPECT_EQ(source->next(frame), FrameStatus::kFrame) << frame.fault;
-}
-
 TEST(PictureFiles, ADamagedPictureIsReportedByNameAndTheNextOneIsRead) {
   const TemporaryFolder folder;
   const cv::Mat picture = grayPicture(64, 48);
@@ -117,28 +99,6 @@ TEST(PictureFiles, APictureThatIsNotOfTheCamerasSizeIsRefused) {
       EXPECT_EQ(frame.fault, folder / name + ": the picture has 64 x 48 px; expected 64 x 47");
     }
   }
-}
-
-TEST(PictureFiles, OnlyRegularFilesAreOpened) {
-  const TemporaryFolder folder;
-  write(folder, "a.png", encoded(".png", grayPicture(64, 48)));
-  const auto source = FrameSource::files(folder.path());
-  fs::remove(folder / "a.png");
-  ASSERT_EQ(mkfifo((folder / "a.png").c_str(), 0600), 0);
-  Frame frame;
-  EXPECT_EQ(source->next(frame), FrameStatus::kFault);
-  EXPECT_EQ(frame.fault, folder / "a.png: the file is a FIFO; expected a regular file");
-}
-
-TEST(PictureFiles, WhatCannotBeAPictureIsRefusedAtOnce) {
-  const TemporaryFolder folder;
-  const auto expectRefused = [](const std::string& path, const std::string& message) {
-    EXPECT_TRUE(has(refusal([&] { FrameSource::files(path); }), path + message));
-  };
-  expectRefused(folder.path(), " holds no pictures; expected files ending in .jpg");
-  expectRefused(folder / "nothing.jpg", " is neither a file nor a folder");
-  write(folder, "notes.txt", Bytes(10, 'x'));
-  expectRefused(folder / "notes.txt", " is neither a picture (.jpg");
 }
 
 // The luma of an MJPEG video is decoded as it is; of others it comes by way of colours.
@@ -285,23 +245,6 @@ TEST_F(Camera, ABrokenPictureDoesNotCloseIt) {
   EXPECT_EQ(source->next(frame), FrameStatus::kFrame);
   EXPECT_EQ(socket.opened, 1);
   EXPECT_EQ(socket.closed, 0);
-}
-
-TEST(Webcam, AnAbsentOrWrongDeviceIsAFaultWithItsRemedy) {
-  const TemporaryFolder folder;
-  WebcamConfig config;
-  config.device = folder / "video0";
-  Frame frame;
-  const auto absent = FrameSource::webcam(config);
-  ASSERT_EQ(absent->next(frame), FrameStatus::kFault);
-  EXPECT_EQ(
-      frame.fault,
-      config.device + ": the device does not exist; plug the camera in, or give another device");
-  EXPECT_EQ(frame.retry_after, config.reconnect_after);
-  write(folder, "video0", {});
-  const auto wrong = FrameSource::webcam(config);
-  ASSERT_EQ(wrong->next(frame), FrameStatus::kFault);
-  EXPECT_TRUE(has(frame.fault, "it does not open as a camera"));
 }
 
 }  // namespace

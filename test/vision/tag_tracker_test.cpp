@@ -419,46 +419,5 @@ TEST_P(TrackingIn, JumpsBumpsAndHiddenTagsAreRecoveredInTheSamePicture) {
   EXPECT_GT(hidden, events / 2);
 }
 
-TEST(Tracking, ExpectationsMayBeNonsense) {
-  const double nan = std::numeric_limits<double>::quiet_NaN();
-  const double inf = std::numeric_limits<double>::infinity();
-  Random random(15);
-  const Corners truth = randomTag(random, {100, 100}, 60);
-  const cv::Mat gray = photograph(random, {{3, truth}}, {200, 200});
-  std::vector<Corners> nonsense(9, truth);
-  nonsense[0].setConstant(nan);
-  nonsense[1](1, 2) = inf;
-  nonsense[2].row(1).setConstant(50);              // on a line
-  nonsense[3].colwise() = truth.col(0).eval();     // a point
-  nonsense[4] = truth.rowwise().reverse().eval();  // seen from behind
-  nonsense[5] = moved(truth, {-1000, 0});
-  nonsense[6] = 1e300 * truth;
-  nonsense[7] = 1e5 * truth;
-  nonsense[8].col(0).swap(nonsense[8].col(1));  // crossed
-  for (const TrackingMode mode : {TrackingMode::kRegions, TrackingMode::kEdges}) {
-    TagTracker edges = tracker(mode);
-    for (const Corners& corners : nonsense) {
-      const TrackResult& result = edges.track(gray, {{3, corners, true}});
-      ASSERT_EQ(result.tags.size(), 1U);
-      EXPECT_LT(error(result.tags[0].corners, truth), 0.2);
-    }
-    for (const int id : {-1, family().count(), std::numeric_limits<int>::max()}) {
-      EXPECT_EQ(find(edges.track(gray, {{id, truth, true}}), id), nullptr);
-    }
-  }
-}
-
-TEST(Tracking, PicturesMayBeTiny) {
-  TagTracker edges = tracker();
-  const Corners corners = squareCorners(6, 6, 12, 0.1);
-  EXPECT_TRUE(edges.track(cv::Mat(), {{3, corners, true}}).tags.empty());
-  for (int side = 1; side < 24; ++side) {
-    const cv::Mat high(40, side, CV_8UC1, cv::Scalar(128));
-    const cv::Mat wide(side, 40, CV_8UC1, cv::Scalar(128));
-    EXPECT_TRUE(edges.track(high, {{3, corners, true}}).tags.empty());
-    EXPECT_TRUE(edges.track(wide, {{3, corners, true}}).tags.empty());
-  }
-}
-
 }  // namespace
 }  // namespace helix_arm::test
