@@ -1,4 +1,3 @@
-#include <filesystem>
 #include <fstream>
 #include <iterator>
 #include <set>
@@ -12,12 +11,10 @@
 namespace helix_arm::test {
 namespace {
 
-namespace fs = std::filesystem;
 using nlohmann::json;
 
 // Two tips in the middle of the demo arm's reach, and a place in the air.
 const std::string kTips = "0.36,0.03,0.02;0.36,-0.03,0";
-const std::string kCentre = "0.366,0.003,0.009";
 
 Outcome follow(const std::vector<std::string>& more, const std::string& format = "json") {
   return runCommand({"follow", scenePath("demo"), "--format", format}, more);

@@ -4,7 +4,6 @@
 
 #include "command.hpp"
 #include "helix_arm/io/scene.hpp"
-#include "rod_scene.hpp"
 #include "support/temporary_file.hpp"
 
 namespace helix_arm::test {

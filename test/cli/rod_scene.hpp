@@ -32,16 +32,6 @@ arm:
   sections: [{name: arm, ring: {count: 2, radius_m: 0.03, contraction: linear}}]
 )";
 
-/// A planar arm that is pulled by two tendons.
-inline const char* const kPulledScene = R"(name: pulled
-contractions:
-  cable: {tendon: {length_m: 0.3, spool_radius_m: 0.01, max_angle_rad: 5}}
-arm:
-  geometry: planar
-  stiffness: {K_gamma: 10, K_tau_m2: 0, K_kappa_m2: 2.0e-4}
-  sections: [{name: arm, ring: {count: 2, radius_m: 0.03, contraction: cable}}]
-)";
-
 /// Header of a data set of its tag poses.
 inline const std::string kTagPoseHeader = "capture,pressure_1_kpa,tag,x_m,y_m,z_m,qx,qy,qz,qw\n";
 

@@ -16,7 +16,6 @@
 #include "command.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/io/scene.hpp"
-#include "rod_scene.hpp"
 #include "support/process.hpp"
 #include "support/temporary_file.hpp"
 #include "support/temporary_folder.hpp"

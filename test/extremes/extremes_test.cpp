@@ -255,8 +255,6 @@ TEST(Extremes, ForwardOfArmsThatAMotionCostsNothing) {
 
 // ---- Under load ---------------------------------------------------------------------------------
 
-const double kDenormal = std::numeric_limits<double>::denorm_min();
-
 // Weight and a tip load that bend the arm by about 0.3 rad, or stretch or shear it by a tenth.
 Load fittingLoad(const Arm& arm, Random& random) {
   constexpr double kStiffness = 1000.0, kBend = 0.3, kStretch = 0.1;

@@ -44,7 +44,6 @@ class PathCheck : public testing::Test {
 
   const model::Arm arm = test::ringArm({3, 0.0254, test::kPi / 12, {100.0, 0.0, 9.8e-5}});
   statics::InverseSolver solver{arm};
-  int asked = 0;
 };
 
 TEST_F(PathCheck, APathWithinReachAndRatesIsAccepted) { EXPECT_FALSE(check(circle(8))); }

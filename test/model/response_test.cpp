@@ -438,6 +438,14 @@ TEST(Response, AnotherResponseKeepsWhatIsRemembered) {
   EXPECT_EQ(state.effective(), 3e5);
 }
 
+TEST(Response, RefusesWeightsOfPlaysAndSlowStateBeyond95Percent) {
+  const auto check = [](const Response& response) { return refusal([&] { response.validate(); }); };
+  const std::string fault = "response: the sum of the weights is 0.96; expected at most 0.95";
+  EXPECT_EQ(check(playsOf({{2e4, 0.5}, {4e4, 0.46}})), fault);
+  EXPECT_EQ(check(playsOf({{2e4, 0.3}, {4e4, 0.65}})), "accepted");
+  EXPECT_EQ(check(slowOf(0, 7, 0.3, playsOf({{2e4, 0.66}}))), fault);
+}
+
 Arm armWith(const Response& response) {
   Arm plain = test::sampleArm();
   std::vector<Section> sections(1);

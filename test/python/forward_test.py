@@ -1,6 +1,5 @@
 """Pressures to shapes: against the model written in NumPy, the layouts of arrays, and threads. Inverse, curve, Jacobian and
 workspace: each against the forward model."""
-import copy
 import itertools
 import os
 import pathlib

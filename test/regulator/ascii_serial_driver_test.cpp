@@ -5,9 +5,9 @@
 #include "helix_arm/regulator/regulator_io.hpp"
 #include "helix_arm/simulation/emulated_device.hpp"
 #include "regulator/serial_port.hpp"
-#include "support/bounded_child.hpp"
 #include "support/eventually.hpp"
 #include "support/has.hpp"
+#include "support/holding_child.hpp"
 #include "support/serial_profiles.hpp"
 #include "support/temporary_folder.hpp"
 

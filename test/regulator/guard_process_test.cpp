@@ -11,9 +11,9 @@
 
 #include "helix_arm/regulator/realtime.hpp"
 #include "regulator/tcp_link.hpp"
-#include "support/bounded_child.hpp"
 #include "support/eventually.hpp"
 #include "support/has.hpp"
+#include "support/holding_child.hpp"
 #include "support/modbus_profiles.hpp"
 #include "support/refusal.hpp"
 #include "support/temporary_file.hpp"
@@ -252,8 +252,6 @@ TEST_F(TwoDrivers, ADeviceThatDoesNotAnswerIsFree) {
 }
 
 // ---- Real-time priority and locked memory are never required ------------------------------------
-
-constexpr uid_t kNobody = 65534;
 
 TEST(Realtime, ItIsTheCallingThreadsAlone) {
   if (!tryRealtime(1).empty()) GTEST_SKIP() << "this user has no real-time priority";

@@ -2,15 +2,11 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <cstring>
-#include <fstream>
 #include <map>
 #include <set>
-#include <tuple>
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/basics/text.hpp"
 #include "ros_bridge/cockpit/cockpit_view.hpp"
 #include "ros_bridge/common/arm_markers.hpp"
 #include "support/temporary_file.hpp"
@@ -25,7 +21,6 @@ constexpr char kTwoSections[] = HELIX_ARM_SOURCE_DIR "/test/ros_bridge/scenes/br
 std::string shippedPath(const std::string& name) {
   return HELIX_ARM_SOURCE_DIR "/config/scenes/" + name + ".yaml";
 }
-io::Scene shipped(const std::string& name) { return io::loadScene(shippedPath(name)); }
 
 std::vector<Marker> inNamespace(const visualization_msgs::MarkerArray& array, const char* ns) {
   std::vector<Marker> out;
@@ -68,9 +63,6 @@ TEST(VisionMarkers, CurvesEndAtTheTipOfATool) {
 visualization_msgs::MarkerArray draw(ArmMarkers& markers, const io::Scene& scene,
                                      const Eigen::VectorXd& pressure) {
   return markers.draw(scene.model.solve(pressure).shape, pressure, ros::Time(5));
-}
-visualization_msgs::MarkerArray drawVented(ArmMarkers& markers, const io::Scene& scene) {
-  return draw(markers, scene, Eigen::VectorXd::Zero(scene.arm.actuatorCount()));
 }
 
 TEST(ArmMarkers, HaveStableNamesAndOutliveTheirPeriod) {
