@@ -1,43 +1,46 @@
 #include "helix_arm/model/batch.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cstdint>
 #include <vector>
 
-#include "batch_loops.hpp"
-#include "helix_arm/basics/requirement.hpp"
+#include "basics/vector_clones.hpp"
+#include "batch_series.hpp"
+#include "lie/coefficients.hpp"
+
+#define HELIX_ARM_INLINE inline __attribute__((always_inline))
+// A loop over a block, which the compiler vectorises.
+#define HELIX_ARM_LOOP HELIX_ARM_CLONES __attribute__((noinline))
 
 namespace helix_arm::model {
 namespace {
 
-using batch::Block;
-using batch::Columns;
-using batch::FlatActuator;
-using batch::FlatLink;
-using batch::kBlock;
-using batch::kGroup;
-using batch::kStep;
-using batch::Pass;
+// Samples per block, whose columns stay in the first-level cache. A last block is filled up, so
+// that every tip is computed in the same way.
+constexpr std::size_t kBlock = 64;
+// Most actuators per pass over the twists.
+constexpr int kGroup = 4;
 
-// A batch whose tips do not stay in a core's caches.
-constexpr std::size_t kLargeBatch = 100'000;
-// Samples from one look at their angles to the next, of an arm that needs no block.
-constexpr std::size_t kSpan = 16 * kBlock;
+using Column = double[kBlock];
+struct alignas(64) Block {
+  Column inputs[kGroup];
+  Column twist[6];
+  Column tips[2][3];  // seen from a section's end and from its base
+  Column origin[3];   // zero: the tip, seen from itself
+  Column out[3];
+};
 
-FlatLink flatten(const lie::SE3& link) {
-  FlatLink flat;
-  for (int r = 0; r < 3; ++r) {
-    for (int c = 0; c < 3; ++c) flat.R[r][c] = link.rotation(r, c);
-    flat.t[r] = link.translation[r];
-  }
-  return flat;
-}
+// An actuator for the loops: its length change as a polynomial of the input, its map's column.
+struct FlatActuator {
+  double coefficients[6];  // the first is zero
+  double column[6];
+};
 
-FlatActuator flatten(const Actuator& actuator, const double* column) {
+FlatActuator flatten(const Contraction& contraction, const double* column) {
   FlatActuator flat{};
   std::copy_n(column, 6, flat.column);
-  flat.limits = actuator.limits;
-  const auto& pieces = actuator.contraction.pieces();
+  const auto& pieces = contraction.pieces();
   if (pieces.size() > 1) {
     flat.coefficients[1] = 1.0;  // the change itself, evaluated before
     return flat;
@@ -49,279 +52,300 @@ FlatActuator flatten(const Actuator& actuator, const double* column) {
   return flat;
 }
 
-// Inputs of a block, one actuator after the other, or via `buffer` if they lie otherwise in memory.
-class ColumnInputs {
- public:
-  ColumnInputs(const double* const* columns, std::size_t first)
-      : columns_(columns), first_(first) {}
-  const double* column(int actuator, const Range&, std::size_t count, double* buffer) {
-    const double* const from = columns_[actuator] + first_;
-    if (count % kStep == 0) return from;
-    std::fill(std::copy_n(from, count, buffer), buffer + kBlock, from[0]);
-    return buffer;
-  }
-
- private:
-  const double* const* columns_;
-  std::size_t first_;
-};
-
-// Copied, so that what is checked is what is computed, whoever writes to the array meanwhile.
-class RowInputs {
- public:
-  RowInputs(const InputArray& array, std::size_t first) : array_(array), first_(first) {}
-  bool inside() const { return inside_; }
-  const double* column(int actuator, const Range& limits, std::size_t count, double* buffer) {
-    constexpr auto kNumber = static_cast<std::ptrdiff_t>(sizeof(double));
-    if (array_.row_stride % kNumber == 0) {
-      batch::gather(array_.place(first_, actuator), array_.row_stride / kNumber, count, buffer);
-    } else {
-      for (std::size_t j = 0; j < count; ++j) buffer[j] = array_.at(first_ + j, actuator);
+// twist = rest + sum_i column_i (l_i(q_i) - rest length), or with kAdd, twist += the sum.
+template <int kCount, bool kAdd>
+HELIX_ARM_INLINE void sumActuators(const FlatActuator* actuators, const double* const* q,
+                                   const double* rest, Column* __restrict twist) {
+  for (std::size_t j = 0; j < kBlock; ++j) {
+    double sum[6];
+    for (int r = 0; r < 6; ++r) sum[r] = kAdd ? twist[r][j] : rest[r];
+    for (int i = 0; i < kCount; ++i) {
+      const double* const c = actuators[i].coefficients;
+      const double u = q[i][j];
+      const double change = ((((c[5] * u + c[4]) * u + c[3]) * u + c[2]) * u + c[1]) * u;
+      for (int r = 0; r < 6; ++r) sum[r] += actuators[i].column[r] * change;
     }
-    inside_ &= batch::countInside(buffer, count, limits.lower, limits.upper) ==
-               static_cast<std::int64_t>(count);
-    if (count % kStep != 0) std::fill(buffer + count, buffer + kBlock, limits.lower);
-    return buffer;
+    for (int r = 0; r < 6; ++r) twist[r][j] = sum[r];
   }
-
- private:
-  InputArray array_;
-  std::size_t first_;
-  bool inside_ = true;
-};
-
-// Calls kernel(first, size) for spans of whole steps, and inBlocks(first, end) for those where it
-// says that not all angles are near, and for the rest. @param head  samples before the streamed.
-template <class InBlocks, class Kernel>
-void inSpans(std::size_t count, std::size_t head, bool streamed, const InBlocks& inBlocks,
-             const Kernel& kernel) {
-  const std::size_t begin = streamed ? head : 0, end = begin + (count - begin) / kStep * kStep;
-  inBlocks(0, begin);
-  for (std::size_t first = begin; first < end; first += kSpan) {
-    const std::size_t size = std::min(kSpan, end - first);
-    if (!kernel(first, size)) inBlocks(first, first + size);
-  }
-  if (streamed) batch::finishStreams();
-  inBlocks(end, count);
 }
 
-bool isLine(const double* place) {
-  return reinterpret_cast<std::uintptr_t>(place) % batch::kLine == 0;
+// @param rest  null: the sum is added.
+template <int kCount>
+HELIX_ARM_INLINE void sumGroup(const FlatActuator* actuators, const double* const* q,
+                               const double* rest, Column* twist) {
+  return rest != nullptr ? sumActuators<kCount, false>(actuators, q, rest, twist)
+                         : sumActuators<kCount, true>(actuators, q, rest, twist);
 }
-// Samples of this many numbers before the first one that begins at a line of the caches.
-std::size_t beforeLine(const double* place, std::size_t numbers) {
-  std::size_t out = 0;
-  while (out < kStep && !isLine(place + numbers * out)) ++out;
-  return out;
+
+HELIX_ARM_LOOP void setTwists(const FlatActuator* actuators, int count, const double* const* q,
+                              const double* rest, Column* twist) {
+  static_assert(kGroup == 4);
+  if (count == 4) return sumGroup<4>(actuators, q, rest, twist);
+  if (count == 3) return sumGroup<3>(actuators, q, rest, twist);
+  if (count == 2) return sumGroup<2>(actuators, q, rest, twist);
+  sumGroup<1>(actuators, q, rest, twist);
+}
+
+// Coefficients of exp about the middle of the series' range (lie::ExpCoefficients): without
+// rounding, b theta and c theta^2 are within 1 eps.
+constexpr double kCentre = lie::kSeriesLimit / 2;
+constexpr auto kB = batch::economised<11>(2, kCentre);
+constexpr auto kC = batch::economised<10>(3, kCentre);
+
+// sum_k coefficients[k] t^k. Even and odd powers apart: half the latency of Horner's rule.
+template <std::size_t kSize>
+HELIX_ARM_INLINE double polynomial(const std::array<double, kSize>& coefficients, double t) {
+  constexpr std::size_t kEven = (kSize - 1) / 2 * 2, kOdd = kSize / 2 * 2 - 1;
+  const double t2 = t * t;
+  double even = coefficients[kEven], odd = coefficients[kOdd];
+  for (std::size_t k = kEven; k > 0; k -= 2) even = even * t2 + coefficients[k - 2];
+  for (std::size_t k = kOdd; k > 1; k -= 2) odd = odd * t2 + coefficients[k - 2];
+  return odd * t + even;
+}
+
+// R p + V v = p + v + w x (a p + b v + w x (b p + c v)); p = 0 where the section's end is the tip.
+template <bool kFirst>
+HELIX_ARM_INLINE void moveNear(const Column* twist, const Column* from, double* const* to) {
+#pragma GCC ivdep
+  for (std::size_t j = 0; j < kBlock; ++j) {
+    const double v[] = {twist[0][j], twist[1][j], twist[2][j]};
+    const double w[] = {twist[3][j], twist[4][j], twist[5][j]};
+    const double x = (w[0] * w[0] + w[1] * w[1]) + w[2] * w[2];
+    const double b = polynomial(kB, x - kCentre), c = polynomial(kC, x - kCentre);
+    const double a = 1.0 - x * c;
+    double inner[3], outer[3], sum[3];
+    for (int r = 0; r < 3; ++r) {
+      inner[r] = kFirst ? c * v[r] : b * from[r][j] + c * v[r];
+      outer[r] = kFirst ? b * v[r] : a * from[r][j] + b * v[r];
+      sum[r] = kFirst ? v[r] : from[r][j] + v[r];
+    }
+    outer[0] = (outer[0] + w[1] * inner[2]) - w[2] * inner[1];
+    outer[1] = (outer[1] + w[2] * inner[0]) - w[0] * inner[2];
+    outer[2] = (outer[2] + w[0] * inner[1]) - w[1] * inner[0];
+    to[0][j] = (sum[0] + w[1] * outer[2]) - w[2] * outer[1];
+    to[1][j] = (sum[1] + w[2] * outer[0]) - w[0] * outer[2];
+    to[2][j] = (sum[2] + w[0] * outer[1]) - w[1] * outer[0];
+  }
+}
+
+HELIX_ARM_LOOP void moveTips(const Column* twist, bool first, const Column* from,
+                             double* const* to) {
+  first ? moveNear<true>(twist, from, to) : moveNear<false>(twist, from, to);
+}
+
+// How many angles are beyond the series, whose tips mean nothing.
+HELIX_ARM_LOOP std::int64_t countFar(const Column* twist) {
+  std::int64_t far = 0;
+  for (std::size_t j = 0; j < kBlock; ++j) {
+    const double w[] = {twist[3][j], twist[4][j], twist[5][j]};
+    far += (w[0] * w[0] + w[1] * w[1]) + w[2] * w[2] > lie::kSeriesLimit ? 1 : 0;
+  }
+  return far;
+}
+
+// R p + V v = cos p + a (w x p + v) + w (b (w.p) + c (w.v)) + b (w x v) where the angle is beyond
+// the series. Others stay: a factor of 0 or 1 selects them, as branches would not vectorise.
+HELIX_ARM_LOOP void moveTipsFar(const Column* twist, const Column* from, double* const* to) {
+#pragma GCC ivdep
+  for (std::size_t j = 0; j < kBlock; ++j) {
+    const double v[] = {twist[0][j], twist[1][j], twist[2][j]};
+    const double w[] = {twist[3][j], twist[4][j], twist[5][j]};
+    const double p[] = {from[0][j], from[1][j], from[2][j]};
+    const double x = (w[0] * w[0] + w[1] * w[1]) + w[2] * w[2];
+    const lie::ExpCoefficients f = lie::detail::expCoefficientsByReduction(std::max(x, 1.0), 0.0);
+    const double along = f.b * (w[0] * p[0] + w[1] * p[1] + w[2] * p[2]) +
+                         f.c * (w[0] * v[0] + w[1] * v[1] + w[2] * v[2]);
+    double u[3];
+    for (int r = 0; r < 3; ++r) u[r] = f.b * v[r] + f.a * p[r];
+    const double turned[] = {w[1] * u[2] - w[2] * u[1], w[2] * u[0] - w[0] * u[2],
+                             w[0] * u[1] - w[1] * u[0]};
+    const double far = static_cast<double>(x > lie::kSeriesLimit), near = 1.0 - far;
+    for (int r = 0; r < 3; ++r) {
+      const double moved = (f.a * v[r] + f.cosine * p[r]) + turned[r] + along * w[r];
+      to[r][j] = near * to[r][j] + far * moved;
+    }
+  }
+}
+
+// to = link * from, which may be the same.
+HELIX_ARM_LOOP void moveThrough(const lie::SE3& link, const Column* from, Column* to) {
+  const lie::SE3 X = link;  // what is written may not alias it
+#pragma GCC ivdep
+  for (std::size_t j = 0; j < kBlock; ++j) {
+    const double p[] = {from[0][j], from[1][j], from[2][j]};
+    for (int r = 0; r < 3; ++r) {
+      to[r][j] = X.rotation(r, 0) * p[0] + X.rotation(r, 1) * p[1] + X.rotation(r, 2) * p[2] +
+                 X.translation[r];
+    }
+  }
+}
+
+// With the stride known, the compiler permutes vectors in place of loading numbers one by one.
+template <int kStride>
+HELIX_ARM_INLINE std::int64_t gatherEvery(const double* __restrict from, std::ptrdiff_t stride,
+                                          const Range& limits, double* __restrict to) {
+  const double lower = limits.lower, upper = limits.upper;
+  std::int64_t inside = 0;
+  for (std::size_t j = 0; j < kBlock; ++j) {
+    to[j] = from[(kStride > 0 ? kStride : stride) * static_cast<std::ptrdiff_t>(j)];
+  }
+  // What is checked is what was copied, whoever writes to the array meanwhile.
+  for (std::size_t j = 0; j < kBlock; ++j) inside += to[j] >= lower && to[j] <= upper ? 1 : 0;
+  return inside;
+}
+
+// Every stride-th number. @return how many are within the limits, which NaN is not.
+HELIX_ARM_LOOP std::int64_t gather(const double* from, std::ptrdiff_t stride, const Range& limits,
+                                   double* to) {
+  if (stride == 1) return gatherEvery<1>(from, stride, limits, to);
+  if (stride == 3) return gatherEvery<3>(from, stride, limits, to);
+  return gatherEvery<0>(from, stride, limits, to);
+}
+
+HELIX_ARM_LOOP void joinRows(const Column* __restrict tip, double* __restrict rows) {
+  for (std::size_t j = 0; j < kBlock; ++j) {
+    for (int r = 0; r < 3; ++r) rows[3 * j + r] = tip[r][j];
+  }
+}
+
+// Processors fetch ahead by themselves, but not while they wait for arithmetic, nor across pages.
+void fetch(const double* column) {
+  for (std::size_t j = 0; j < kBlock; j += 8) __builtin_prefetch(column + j);
 }
 
 }  // namespace
 
 struct TipBatch::Plan {
   const Arm& arm;
-  const batch::Kernels& kernels;
   std::vector<FlatActuator> actuators;
-  std::vector<FlatLink> links;  // empty if there are none
-  // One section of actuators whose lengths are polynomials: nothing is kept between two passes.
-  bool direct = false;
 
-  Plan(const Arm& of, const batch::Kernels& with) : arm(of), kernels(with) {
-    direct = arm.sectionCount() == 1 && arm.links() == nullptr && arm.actuatorCount() <= kGroup;
+  explicit Plan(const Arm& of) : arm(of) {
     for (int k = 0; k < arm.sectionCount(); ++k) {
       const int begin = arm.firstActuator(k);
       for (int i = begin; i < arm.firstActuator(k + 1); ++i) {
-        const double* const column = arm.equilibrium(k).map.col(i - begin).data();
-        actuators.push_back(flatten(arm.actuator(i), column));
-        direct = direct && isPolynomial(i);
+        actuators.push_back(
+            flatten(arm.actuator(i).contraction, arm.equilibrium(k).map.col(i - begin).data()));
       }
-      if (arm.links() != nullptr) links.push_back(flatten(arm.link(k)));
     }
   }
 
-  bool isPolynomial(int actuator) const {
-    return arm.actuator(actuator).contraction.pieces().size() == 1;
-  }
-
-  template <class Inputs>
-  void setChanges(Inputs& inputs, int begin, int members, std::size_t count, Block* block,
-                  const double** out) const {
-    for (int m = 0; m < members; ++m) {
-      const int i = begin + m;
-      double* const buffer = block->inputs[m];
-      out[m] = inputs.column(i, actuators[i].limits, count, buffer);
-      if (isPolynomial(i)) continue;
-      const Contraction& contraction = arm.actuator(i).contraction;
-      for (std::size_t j = 0; j < count; ++j) buffer[j] = contraction.changeInside(out[m][j]);
-      std::fill(buffer + count, buffer + kBlock, 0.0);
-      out[m] = buffer;
-    }
-  }
-
-  // The twists of a section.
-  template <class Inputs>
-  void setTwistsOf(int k, Inputs& inputs, std::size_t count, Block* block) const {
+  // The twists of a section. @param inputsOf  as of tips().
+  template <class InputsOf>
+  void setTwists(int k, const InputsOf& inputsOf, Block* block) const {
     const int begin = arm.firstActuator(k), end = arm.firstActuator(k + 1);
-    const std::size_t whole = (count + kStep - 1) / kStep * kStep;
-    for (int i = begin; i < end; i += kGroup) {
-      const int members = std::min(kGroup, end - i);
+    for (int first = begin; first < end; first += kGroup) {
+      const int members = std::min(kGroup, end - first);
       const double* q[kGroup];
-      setChanges(inputs, i, members, count, block, q);
-      if (i == begin) {
-        batch::setTwists(&actuators[i], members, q, whole, arm.restTwist(k).data(), block);
-      } else {
-        batch::addTwists(&actuators[i], members, q, whole, block);
+      for (int m = 0; m < members; ++m) {
+        double* const buffer = block->inputs[m];
+        q[m] = inputsOf(first + m, buffer);
+        const Contraction& contraction = arm.actuator(first + m).contraction;
+        if (contraction.pieces().size() == 1) continue;
+        for (std::size_t j = 0; j < kBlock; ++j) buffer[j] = contraction.changeInside(q[m][j]);
+        q[m] = buffer;
       }
+      model::setTwists(&actuators[static_cast<std::size_t>(first)], members, q,
+                       first == begin ? arm.restTwist(k).data() : nullptr, block->twist);
     }
   }
 
-  // `out` takes whole steps.
-  template <class Inputs>
-  void block(Inputs& inputs, std::size_t count, Block* block, double* const* out) const {
-    const std::size_t whole = (count + kStep - 1) / kStep * kStep;
+  // The tips of a block. @param inputsOf  the inputs of an actuator, where they are or via a
+  // buffer.
+  template <class InputsOf>
+  void tips(const InputsOf& inputsOf, Block* block, double* const* out) const {
+    if (!arm.isLinear()) return tipsOneByOne(inputsOf, block, out);
+    const Column* from = block->origin;
     int present = 0;  // of block->tips
     for (int k = arm.sectionCount() - 1; k >= 0; --k) {
-      const bool at_end = k == arm.sectionCount() - 1;
-      if (!links.empty()) {
-        if (at_end) {
-          for (int r = 0; r < 3; ++r) std::fill_n(block->tips[present][r], whole, links[k].t[r]);
-        } else {
-          batch::moveTips(links[k], whole, block->tips[present]);
-        }
+      if (arm.links() != nullptr) {
+        moveThrough(arm.link(k), from, block->tips[present]);
+        from = block->tips[present];
       }
-      Pass pass{};
-      pass.rest = arm.restTwist(k).data();
-      for (int r = 0; r < 3; ++r) {
-        pass.from[r] = block->tips[present][r];
-        pass.to[r] = k == 0 ? out[r] : block->tips[1 - present][r];
-      }
-      const int begin = arm.firstActuator(k), size = arm.firstActuator(k + 1) - begin;
-      const bool first = at_end && links.empty(), few = size <= kGroup;
-      if (few) {
-        pass.actuators = &actuators[begin];
-        setChanges(inputs, begin, size, count, block, pass.inputs);
-      } else {
-        setTwistsOf(k, inputs, count, block);
-        for (int r = 0; r < 6; ++r) pass.twists[r] = block->twist[r];
-      }
-      if (!kernels.section[few ? size : 0][first ? 1 : 0](pass, whole)) {
-        if (few) batch::setTwists(pass.actuators, size, pass.inputs, whole, pass.rest, block);
-        batch::moveTipsFar(whole, first, *block, pass.from, pass.to);
-      }
+      setTwists(k, inputsOf, block);
       present = 1 - present;
+      Column* const next = block->tips[present];
+      double* const columns[] = {next[0], next[1], next[2]};
+      double* const* const to = k == 0 ? out : columns;
+      moveTips(block->twist, from == block->origin, from, to);
+      if (countFar(block->twist) > 0) moveTipsFar(block->twist, from, to);
+      from = next;
     }
   }
 
   // Products of exponentials, and maps that depend on the inputs, are not vectorised.
-  template <class Input, class Output>
-  void oneByOne(std::size_t count, const Input& input, const Output& output) const {
-    Eigen::VectorXd q(arm.actuatorCount());
-    for (std::size_t j = 0; j < count; ++j) {
-      for (int i = 0; i < q.size(); ++i) q[i] = input(j, i);
-      output(j, arm.tipInside(q).translation);
+  template <class InputsOf>
+  void tipsOneByOne(const InputsOf& inputsOf, Block* block, double* const* out) const {
+    Eigen::MatrixXd q(arm.actuatorCount(), kBlock);
+    for (int i = 0; i < q.rows(); ++i) {
+      const double* const inputs = inputsOf(i, block->inputs[0]);
+      for (std::size_t j = 0; j < kBlock; ++j) q(i, j) = inputs[j];
+    }
+    for (std::size_t j = 0; j < kBlock; ++j) {
+      const Eigen::Vector3d tip = arm.tipInside(q.col(j)).translation;
+      for (int r = 0; r < 3; ++r) out[r][j] = tip[r];
     }
   }
 };
 
-TipBatch::TipBatch(const Arm& arm, InstructionSet set) {
-  basics::require(set <= widestInstructionSet(), "batch: this machine has no ", nameOf(set),
-                  "; its widest vectors are of ", nameOf(widestInstructionSet()));
-  plan_ = std::make_unique<const Plan>(arm, batch::kernelsOf(set));
-}
+TipBatch::TipBatch(const Arm& arm) : plan_(std::make_unique<const Plan>(arm)) {}
 
 TipBatch::~TipBatch() = default;
 
 void TipBatch::columns(const double* const* inputs, std::size_t count, double* x, double* y,
-                       double* z, std::size_t total) const {
-  const Plan& plan = *plan_;
-  if (!plan.arm.isLinear()) {
-    return plan.oneByOne(
-        count, [&](std::size_t j, int i) { return inputs[i][j]; },
-        [&](std::size_t j, const Eigen::Vector3d& tip) {
-          x[j] = tip.x();
-          y[j] = tip.y();
-          z[j] = tip.z();
-        });
-  }
-  const auto inBlocks = [&](std::size_t begin, std::size_t end) {
-    Block block;
-    for (std::size_t first = begin; first < end; first += kBlock) {
-      const std::size_t size = std::min(kBlock, end - first);
-      ColumnInputs columns(inputs, first);
-      double* const out[] = {x + first, y + first, z + first};
-      if (size % kStep == 0) {
-        plan.block(columns, size, &block, out);
-      } else {
-        alignas(batch::kLine) Columns last;
-        double* const padded[] = {last[0], last[1], last[2]};
-        plan.block(columns, size, &block, padded);
-        for (int r = 0; r < 3; ++r) std::copy_n(last[r], size, out[r]);
-      }
+                       double* z) const {
+  Block block{};
+  for (std::size_t first = 0; first < count; first += kBlock) {
+    const std::size_t size = std::min(kBlock, count - first);
+    const auto inputsOf = [&](int actuator, double* buffer) -> const double* {
+      const double* const from = inputs[actuator] + first;
+      fetch(from + 2 * kBlock);
+      if (size == kBlock) return from;
+      std::fill(std::copy_n(from, size, buffer), buffer + kBlock, from[0]);
+      return buffer;
+    };
+    double* const out[] = {x + first, y + first, z + first};
+    if (size == kBlock) {
+      for (const double* column : out) fetch(column + 2 * kBlock);
+      plan_->tips(inputsOf, &block, out);
+    } else {
+      double* const padded[] = {block.out[0], block.out[1], block.out[2]};
+      plan_->tips(inputsOf, &block, padded);
+      for (int r = 0; r < 3; ++r) std::copy_n(padded[r], size, out[r]);
     }
-  };
-  if (!plan.direct) return inBlocks(0, count);
-  const std::size_t head = std::min(count, beforeLine(x, 1));
-  const bool streamed = std::max(count, total) >= kLargeBatch && isLine(x + head) &&
-                        isLine(y + head) && isLine(z + head);
-  const int n = plan.arm.actuatorCount();
-  const batch::Kernel kernel = streamed ? plan.kernels.streamed[n] : plan.kernels.section[n][1];
-  inSpans(count, head, streamed, inBlocks, [&](std::size_t first, std::size_t size) {
-    Pass pass{};
-    pass.actuators = plan.actuators.data();
-    pass.rest = plan.arm.restTwist(0).data();
-    for (int i = 0; i < n; ++i) pass.inputs[i] = inputs[i] + first;
-    pass.to[0] = x + first, pass.to[1] = y + first, pass.to[2] = z + first;
-    return kernel(pass, size);
-  });
+  }
 }
 
-bool TipBatch::rows(const InputArray& inputs, std::size_t count, double* tips,
-                    std::size_t total) const {
-  const Plan& plan = *plan_;
+bool TipBatch::rows(const InputArray& inputs, std::size_t count, double* tips) const {
   bool inside = true;
-  if (!plan.arm.isLinear()) {
-    plan.oneByOne(
-        count,
-        [&](std::size_t j, int i) {
-          const double input = inputs.at(j, i);
-          inside &= plan.actuators[i].limits.contains(input);
-          return input;
-        },
-        [&](std::size_t j, const Eigen::Vector3d& tip) {
-          Eigen::Vector3d::Map(tips + 3 * j) = tip;
-        });
-    return inside;
-  }
-  const auto inBlocks = [&](std::size_t begin, std::size_t end) {
-    Block block;
-    alignas(batch::kLine) Columns out;
-    double* const columns[] = {out[0], out[1], out[2]};
-    for (std::size_t first = begin; first < end; first += kBlock) {
-      const std::size_t size = std::min(kBlock, end - first);
-      RowInputs rows(inputs, first);
-      plan.block(rows, size, &block, columns);
-      batch::joinRows(out, size, tips + 3 * first);
-      inside &= rows.inside();
+  Block block{};
+  Column padded;
+  double* const out[] = {block.out[0], block.out[1], block.out[2]};
+  for (std::size_t first = 0; first < count; first += kBlock) {
+    const std::size_t size = std::min(kBlock, count - first);
+    const auto inputsOf = [&](int actuator, double* buffer) -> const double* {
+      constexpr auto kNumber = static_cast<std::ptrdiff_t>(sizeof(double));
+      fetch(inputs.place(first + 2 * kBlock, 0) + static_cast<std::size_t>(actuator) * kBlock);
+      const Range& limits = plan_->arm.actuator(actuator).limits;
+      const double* from = inputs.place(first, actuator);
+      std::ptrdiff_t stride = inputs.row_stride / kNumber;
+      if (size < kBlock || inputs.row_stride % kNumber != 0) {
+        for (std::size_t j = 0; j < size; ++j) padded[j] = inputs.at(first + j, actuator);
+        std::fill(padded + size, padded + kBlock, padded[0]);
+        from = padded;
+        stride = 1;
+      }
+      inside &= gather(from, stride, limits, buffer) == kBlock;
+      return buffer;
+    };
+    plan_->tips(inputsOf, &block, out);
+    double* const to = tips + 3 * first;
+    for (int r = 0; r < 3; ++r) fetch(to + (6 + r) * kBlock);
+    if (size == kBlock) {
+      joinRows(block.out, to);
+    } else {
+      for (std::size_t j = 0; j < 3 * size; ++j) to[j] = block.out[j % 3][j / 3];
     }
-  };
-  constexpr auto kNumber = static_cast<std::ptrdiff_t>(sizeof(double));
-  const bool by_columns = inputs.row_stride == kNumber;
-  const bool dense =
-      by_columns || (inputs.column_stride == kNumber && inputs.row_stride == 3 * kNumber);
-  const std::size_t head = std::min(count, beforeLine(tips, 3));
-  const bool streamed = std::max(count, total) >= kLargeBatch && isLine(tips + 3 * head);
-  const batch::RowKernel kernel = plan.kernels.rows[by_columns ? 1 : 0][streamed ? 1 : 0];
-  if (!plan.direct || plan.arm.actuatorCount() != 3 || !dense || kernel == nullptr) {
-    inBlocks(0, count);
-    return inside;
   }
-  inSpans(count, head, streamed, inBlocks, [&](std::size_t first, std::size_t size) {
-    const double* const from[] = {inputs.place(first, 0), inputs.place(first, 1),
-                                  inputs.place(first, 2)};
-    const batch::RowsFound found =
-        kernel(plan.actuators.data(), plan.arm.restTwist(0).data(), from, size, tips + 3 * first);
-    inside &= found.inside;
-    return found.near;
-  });
   return inside;
 }
 

@@ -59,8 +59,7 @@ void tipsOfBatch(const Scene& scene, const model::TipBatch& batch, const Rows& i
   model::InputArray array{reinterpret_cast<const double*>(inputs.data()), inputs.rowStride(),
                           inputs.columnStride()};
   array.first = array.place(first, 0);
-  const auto rows = static_cast<std::size_t>(inputs.rows());
-  if (batch.rows(array, end - first, out + 3 * first, rows)) return;
+  if (batch.rows(array, end - first, out + 3 * first)) return;
   scene.requireWithinLimits(inputs);  // says where
   inputs.refuseChange();
 }

@@ -21,8 +21,8 @@ namespace helix_arm::benchmark {
 namespace {
 
 constexpr std::size_t kSamples = 1000000;
-// Multiplications and additions of one sample with three muscles, counted in batch_vectors.hpp:
-// lengths 27, twist 36, angle 6, coefficients 43, tip 30. All but 10 of them are in fused pairs.
+// Multiplications and additions of one sample with three muscles, counted in batch.cpp: lengths 27,
+// twist 36, angle 6, coefficients 43, tip 30. All but 10 of them are in fused pairs.
 constexpr double kFlopsPerSample = 142;
 constexpr int kAccumulators = 128;
 
@@ -62,21 +62,13 @@ struct Arrays {
   void batch(const model::TipBatch& batch, std::size_t first, std::size_t end) const {
     const double* inputs[] = {q[0].data() + first, q[1].data() + first, q[2].data() + first};
     batch.columns(inputs, end - first, tips[0].data() + first, tips[1].data() + first,
-                  tips[2].data() + first, kSamples);
+                  tips[2].data() + first);
   }
 };
 
-bool lacks(::benchmark::State& state, model::InstructionSet set) {
-  if (set > model::widestInstructionSet()) state.SkipWithError("this machine has no such vectors");
-  state.SetLabel(model::nameOf(set));
-  return set > model::widestInstructionSet();
-}
-
-void batch(::benchmark::State& state, const test::Ring& ring,
-           model::InstructionSet set = model::widestInstructionSet()) {
-  if (lacks(state, set)) return;
+void batch(::benchmark::State& state, const test::Ring& ring) {
   const model::Arm arm = test::ringArm(ring);
-  const model::TipBatch batch(arm, set);
+  const model::TipBatch batch(arm);
   const Arrays arrays;
   for (auto _ : state) {
     arrays.batch(batch, 0, kSamples);
@@ -84,11 +76,9 @@ void batch(::benchmark::State& state, const test::Ring& ring,
   }
 }
 
-void batchRows(::benchmark::State& state, const test::Ring& ring,
-               model::InstructionSet set = model::widestInstructionSet()) {
-  if (lacks(state, set)) return;
+void batchRows(::benchmark::State& state, const test::Ring& ring) {
   const model::Arm arm = test::ringArm(ring);
-  const model::TipBatch batch(arm, set);
+  const model::TipBatch batch(arm);
   const LargeArray inputs(3 * kSamples), tips(3 * kSamples);
   test::Random random(3);
   for (std::size_t i = 0; i < 3 * kSamples; ++i)
@@ -180,14 +170,6 @@ void fmaRoof(::benchmark::State& state) {
 BENCHMARK_CAPTURE(batch, straight, test::straightRing())->Unit(::benchmark::kMillisecond);
 BENCHMARK_CAPTURE(batch, helical, test::helicalRing())->Unit(::benchmark::kMillisecond);
 BENCHMARK_CAPTURE(batchRows, helical, test::helicalRing())->Unit(::benchmark::kMillisecond);
-BENCHMARK_CAPTURE(batch, avx2, test::helicalRing(), model::InstructionSet::kAvx2)
-    ->Unit(::benchmark::kMillisecond);
-BENCHMARK_CAPTURE(batchRows, avx2, test::helicalRing(), model::InstructionSet::kAvx2)
-    ->Unit(::benchmark::kMillisecond);
-BENCHMARK_CAPTURE(batch, baseline, test::helicalRing(), model::InstructionSet::kBaseline)
-    ->Unit(::benchmark::kMillisecond);
-BENCHMARK_CAPTURE(batchRows, baseline, test::helicalRing(), model::InstructionSet::kBaseline)
-    ->Unit(::benchmark::kMillisecond);
 BENCHMARK(batchThreads)
     ->Unit(::benchmark::kMillisecond)
     ->UseRealTime()

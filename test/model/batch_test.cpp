@@ -16,15 +16,6 @@ namespace {
 
 constexpr double kEps = 2.220446049250313e-16;
 
-std::vector<InstructionSet> setsOfThisMachine() {
-  std::vector<InstructionSet> out;
-  for (const auto set :
-       {InstructionSet::kBaseline, InstructionSet::kAvx2, InstructionSet::kAvx512}) {
-    if (set <= widestInstructionSet()) out.push_back(set);
-  }
-  return out;
-}
-
 std::vector<std::vector<double>> randomColumns(const Arm& arm, std::size_t count, unsigned seed) {
   test::Random random(seed);
   std::vector<std::vector<double>> out(arm.actuatorCount(), std::vector<double>(count));
@@ -86,11 +77,10 @@ Arm thinArm(int actuators = 3, int sections = 1) {
 }
 
 // Worst distance of the batch's tips from the single call's, in eps of the arm's rest length.
-double worstDifference(const Arm& arm, const std::vector<std::vector<double>>& q,
-                       InstructionSet set) {
+double worstDifference(const Arm& arm, const std::vector<std::vector<double>>& q) {
   const std::size_t count = q[0].size();
   std::vector<double> x(count + 1, -7), y(count + 1, -7), z(count + 1, -7);
-  TipBatch(arm, set).columns(pointersTo(q).data(), count, x.data(), y.data(), z.data());
+  TipBatch(arm).columns(pointersTo(q).data(), count, x.data(), y.data(), z.data());
   EXPECT_EQ(x[count], -7) << "wrote past the end";
   double length = 0;
   for (int k = 0; k < arm.sectionCount(); ++k) length += arm.restTwist(k).head<3>().norm();
@@ -102,27 +92,22 @@ double worstDifference(const Arm& arm, const std::vector<std::vector<double>>& q
   }
   return worst / (kEps * length);
 }
-double worstDifference(const Arm& arm, std::size_t count, unsigned seed,
-                       InstructionSet set = widestInstructionSet()) {
-  return worstDifference(arm, randomColumns(arm, count, seed), set);
+double worstDifference(const Arm& arm, std::size_t count, unsigned seed) {
+  return worstDifference(arm, randomColumns(arm, count, seed));
 }
 
 TEST(Batch, AgreesWithTheSingleCallTo8Eps) {
-  for (const InstructionSet set : setsOfThisMachine()) {
-    for (const auto& ring : {test::straightRing(), test::helicalRing()}) {
-      const double worst = worstDifference(test::ringArm(ring), 200000, 71, set);
-      std::printf("%s against single call: %.2f eps of the length\n", nameOf(set), worst);
-      EXPECT_LE(worst, 8.0);
-    }
+  for (const auto& ring : {test::straightRing(), test::helicalRing()}) {
+    const double worst = worstDifference(test::ringArm(ring), 200000, 71);
+    std::printf("against single call: %.2f eps of the length\n", worst);
+    EXPECT_LE(worst, 8.0);
   }
 }
 
 TEST(Batch, HandlesEveryCountAroundItsBlocks) {
   const Arm arm = test::ringArm(test::straightRing());
-  for (const InstructionSet set : setsOfThisMachine()) {
-    for (const std::size_t count : {0, 1, 7, 8, 9, 127, 128, 129, 255, 256, 257, 1000, 4103}) {
-      EXPECT_LE(worstDifference(arm, count, 72, set), 8.0) << count << " " << nameOf(set);
-    }
+  for (const std::size_t count : {0, 1, 7, 8, 9, 127, 128, 129, 255, 256, 257, 1000, 4103}) {
+    EXPECT_LE(worstDifference(arm, count, 72), 8.0) << count;
   }
 }
 
@@ -145,17 +130,15 @@ TEST(Batch, HandlesAnglesBeyondTheSeries) {
   }
   ASSERT_GT(near, 50);
   ASSERT_GT(far, 50);
-  for (const InstructionSet set : setsOfThisMachine()) {
-    // three times the bending, three times the rounding
-    EXPECT_LE(worstDifference(arm, 20000, 75, set), 24.0) << nameOf(set);
-    EXPECT_LE(worstDifference(thinArm(5, 3), 2000, 77, set), 24.0) << nameOf(set);
-  }
+  // three times the bending, three times the rounding
+  EXPECT_LE(worstDifference(arm, 20000, 75), 24.0);
+  EXPECT_LE(worstDifference(thinArm(5, 3), 2000, 77), 24.0);
 }
 
 // All tips of the batch, part by part, in both forms, are bitwise those of the whole batch.
-void expectIndependentOfPlace(const Arm& arm, InstructionSet set) {
+void expectIndependentOfPlace(const Arm& arm) {
   constexpr std::size_t kCount = 1500;
-  const TipBatch batch(arm, set);
+  const TipBatch batch(arm);
   const std::vector<std::vector<double>> q = randomColumns(arm, kCount, 79);
   const std::vector<double> whole = tipsOf(batch, q), rows = rowsOf(q);
   for (const std::size_t part : {1, 2, 7, 8, 13, 255, 600}) {
@@ -167,9 +150,9 @@ void expectIndependentOfPlace(const Arm& arm, InstructionSet set) {
       batch.columns(pointersTo(q, first).data(), count, &columns[0][first], &columns[1][first],
                     &columns[2][first]);
     }
-    EXPECT_EQ(parts, whole) << nameOf(set) << ", rows in parts of " << part;
+    EXPECT_EQ(parts, whole) << "rows in parts of " << part;
     EXPECT_EQ(rowsOf({columns[0], columns[1], columns[2]}), whole)
-        << nameOf(set) << ", columns in parts of " << part;
+        << "columns in parts of " << part;
   }
 }
 
@@ -196,52 +179,47 @@ TEST(Batch, AgreesWithTheSingleCallOnBothSidesOfTheSeriesLimit) {
   }
   ASSERT_GT(near, 500);
   ASSERT_GT(far, 500);
-  for (const InstructionSet set : setsOfThisMachine()) {
-    EXPECT_LE(worstDifference(arm, q, set), 12.0) << nameOf(set);
-  }
+  EXPECT_LE(worstDifference(arm, q), 12.0);
 }
 
 TEST(Batch, ATipDoesNotDependOnItsPlace) {
   for (const Arm& arm : {test::ringArm(test::helicalRing()), test::ringArm(test::straightRing(4)),
                          test::ringArm(test::straightRing(6), 2), thinArm(), thinArm(3, 2)}) {
-    expectIndependentOfPlace(arm, widestInstructionSet());
+    expectIndependentOfPlace(arm);
   }
-  expectIndependentOfPlace(test::ringArm(test::helicalRing()), InstructionSet::kBaseline);
 }
 
-TEST(Batch, LargeBatchesPastTheCachesAreTheSame) {
+TEST(Batch, LargeBatchesAreTheSameAtEveryAlignment) {
   constexpr std::size_t kCount = 101'003;
   const Arm arm = test::ringArm(test::helicalRing());
   const std::vector<std::vector<double>> q = randomColumns(arm, kCount, 80);
   const std::vector<double> rows = rowsOf(q);
   const std::vector<double> by_columns = joined(q);
-  for (const InstructionSet set : setsOfThisMachine()) {
-    const TipBatch batch(arm, set);
-    std::vector<double> expected(3 * kCount);
-    for (std::size_t first = 0; first < kCount; first += 1000) {
-      const std::size_t count = std::min<std::size_t>(1000, kCount - first);
-      batch.rows(arrayOf(rows, 3, first), count, &expected[3 * first]);
-    }
-    // At every distance from a line of the caches; y and z at others than x, too.
-    for (std::size_t shift = 0; shift < 8; ++shift) {
-      std::vector<double> tips(3 * kCount + 16, -7);
-      EXPECT_TRUE(batch.rows(arrayOf(rows, 3), kCount, &tips[shift]));
-      EXPECT_TRUE(std::equal(expected.begin(), expected.end(), &tips[shift])) << shift;
-      std::fill(tips.begin(), tips.end(), -7);
-      EXPECT_TRUE(batch.rows(columnsOf(by_columns, kCount), kCount, &tips[shift]));
-      EXPECT_TRUE(std::equal(expected.begin(), expected.end(), &tips[shift])) << shift;
-      EXPECT_EQ(tips[shift + 3 * kCount], -7);
-      for (const std::size_t apart : {0, 3}) {
-        std::vector<double> x(kCount + 16, -7), y(x), z(x);
-        batch.columns(pointersTo(q).data(), kCount, &x[shift], &y[shift + apart], &z[shift]);
-        std::size_t wrong = 0;
-        for (std::size_t j = 0; j < kCount; ++j) {
-          wrong += x[shift + j] != expected[3 * j] || y[shift + apart + j] != expected[3 * j + 1] ||
-                   z[shift + j] != expected[3 * j + 2];
-        }
-        EXPECT_EQ(wrong, 0) << shift << " " << apart;
-        EXPECT_EQ(x[shift + kCount], -7);
+  const TipBatch batch(arm);
+  std::vector<double> expected(3 * kCount);
+  for (std::size_t first = 0; first < kCount; first += 1000) {
+    const std::size_t count = std::min<std::size_t>(1000, kCount - first);
+    batch.rows(arrayOf(rows, 3, first), count, &expected[3 * first]);
+  }
+  // At every distance from a line of the caches; y and z at others than x, too.
+  for (std::size_t shift = 0; shift < 8; ++shift) {
+    std::vector<double> tips(3 * kCount + 16, -7);
+    EXPECT_TRUE(batch.rows(arrayOf(rows, 3), kCount, &tips[shift]));
+    EXPECT_TRUE(std::equal(expected.begin(), expected.end(), &tips[shift])) << shift;
+    std::fill(tips.begin(), tips.end(), -7);
+    EXPECT_TRUE(batch.rows(columnsOf(by_columns, kCount), kCount, &tips[shift]));
+    EXPECT_TRUE(std::equal(expected.begin(), expected.end(), &tips[shift])) << shift;
+    EXPECT_EQ(tips[shift + 3 * kCount], -7);
+    for (const std::size_t apart : {0, 3}) {
+      std::vector<double> x(kCount + 16, -7), y(x), z(x);
+      batch.columns(pointersTo(q).data(), kCount, &x[shift], &y[shift + apart], &z[shift]);
+      std::size_t wrong = 0;
+      for (std::size_t j = 0; j < kCount; ++j) {
+        wrong += x[shift + j] != expected[3 * j] || y[shift + apart + j] != expected[3 * j + 1] ||
+                 z[shift + j] != expected[3 * j + 2];
       }
+      EXPECT_EQ(wrong, 0) << shift << " " << apart;
+      EXPECT_EQ(x[shift + kCount], -7);
     }
   }
 }
@@ -268,12 +246,6 @@ TEST(Batch, RowsAreReadWhateverTheirStrides) {
   }
 }
 
-TEST(Batch, RefusesInstructionSetsThatTheMachineDoesNotHave) {
-  if (widestInstructionSet() == InstructionSet::kAvx512) GTEST_SKIP() << "it has all of them";
-  EXPECT_THROW(TipBatch(test::ringArm(test::straightRing()), InstructionSet::kAvx512),
-               std::invalid_argument);
-}
-
 // A muscle with a table, a tendon and a polynomial.
 Arm tableArm(int sections = 1) {
   Section section = test::ringSection(test::straightRing(), test::fig3Muscle());
@@ -292,18 +264,16 @@ TEST(Batch, RowsOfTablesTapersAndLinksAreTheTipsOfTheirColumns) {
     const std::vector<std::vector<double>> q = randomColumns(arm, kCount, 82);
     const std::vector<double> rows = rowsOf(q);
     const std::vector<double> by_columns = joined(q);
-    for (const InstructionSet set : setsOfThisMachine()) {
-      EXPECT_LE(worstDifference(arm, 5000, 76, set), 8.0) << nameOf(set);
-      const TipBatch batch(arm, set);
-      const std::vector<double> expected = tipsOf(batch, q);
-      std::vector<double> tips(3 * kCount + 1, -7);
-      EXPECT_TRUE(batch.rows(arrayOf(rows, arm.actuatorCount()), kCount, tips.data()));
-      EXPECT_TRUE(std::equal(expected.begin(), expected.end(), tips.begin())) << nameOf(set);
-      EXPECT_EQ(tips.back(), -7) << "wrote past the end";
-      std::fill(tips.begin(), tips.end(), -7);
-      EXPECT_TRUE(batch.rows(columnsOf(by_columns, kCount), kCount, tips.data()));
-      EXPECT_TRUE(std::equal(expected.begin(), expected.end(), tips.begin())) << nameOf(set);
-    }
+    EXPECT_LE(worstDifference(arm, 5000, 76), 8.0);
+    const TipBatch batch(arm);
+    const std::vector<double> expected = tipsOf(batch, q);
+    std::vector<double> tips(3 * kCount + 1, -7);
+    EXPECT_TRUE(batch.rows(arrayOf(rows, arm.actuatorCount()), kCount, tips.data()));
+    EXPECT_TRUE(std::equal(expected.begin(), expected.end(), tips.begin()));
+    EXPECT_EQ(tips.back(), -7) << "wrote past the end";
+    std::fill(tips.begin(), tips.end(), -7);
+    EXPECT_TRUE(batch.rows(columnsOf(by_columns, kCount), kCount, tips.data()));
+    EXPECT_TRUE(std::equal(expected.begin(), expected.end(), tips.begin()));
   }
 }
 
@@ -320,29 +290,27 @@ TEST(Batch, RowsTellWhetherAllInputsAreInside) {
       q[i].back() = limits.upper;
     }
     const std::vector<double> rows = rowsOf(q);
-    for (const InstructionSet set : setsOfThisMachine()) {
-      const TipBatch batch(arm, set);
-      const std::vector<double> inside = tipsOf(batch, q);
-      std::vector<double> tips(3 * kRows);
-      ASSERT_TRUE(batch.rows(arrayOf(rows, arm.actuatorCount()), kRows, tips.data()));
-      for (std::size_t at = 0; at < rows.size(); ++at) {
-        const Range limits = arm.actuator(static_cast<int>(at % actuators)).limits;
-        for (const double bad : {std::nextafter(limits.upper, 1e9), std::nan(""),
-                                 std::nextafter(limits.lower, -1.0), -HUGE_VAL, HUGE_VAL}) {
-          std::vector<double> numbers = rows;
-          numbers[at] = bad;
-          EXPECT_FALSE(batch.rows(arrayOf(numbers, arm.actuatorCount()), kRows, tips.data()))
-              << bad << " at " << at << ", " << nameOf(set);
-          // Only its own row suffers.
-          for (std::size_t i = 0; i < tips.size(); ++i) {
-            if (i / 3 == at / actuators) continue;
-            EXPECT_EQ(tips[i], inside[i]) << at << " " << nameOf(set);
-          }
-          auto columns = q;
-          columns[at % actuators][at / actuators] = bad;
-          EXPECT_FALSE(batch.rows(columnsOf(joined(columns), kRows), kRows, tips.data()))
-              << bad << " at " << at << ", by columns, " << nameOf(set);
+    const TipBatch batch(arm);
+    const std::vector<double> inside = tipsOf(batch, q);
+    std::vector<double> tips(3 * kRows);
+    ASSERT_TRUE(batch.rows(arrayOf(rows, arm.actuatorCount()), kRows, tips.data()));
+    for (std::size_t at = 0; at < rows.size(); ++at) {
+      const Range limits = arm.actuator(static_cast<int>(at % actuators)).limits;
+      for (const double bad : {std::nextafter(limits.upper, 1e9), std::nan(""),
+                               std::nextafter(limits.lower, -1.0), -HUGE_VAL, HUGE_VAL}) {
+        std::vector<double> numbers = rows;
+        numbers[at] = bad;
+        EXPECT_FALSE(batch.rows(arrayOf(numbers, arm.actuatorCount()), kRows, tips.data()))
+            << bad << " at " << at;
+        // Only its own row suffers.
+        for (std::size_t i = 0; i < tips.size(); ++i) {
+          if (i / 3 == at / actuators) continue;
+          EXPECT_EQ(tips[i], inside[i]) << at;
         }
+        auto columns = q;
+        columns[at % actuators][at / actuators] = bad;
+        EXPECT_FALSE(batch.rows(columnsOf(joined(columns), kRows), kRows, tips.data()))
+            << bad << " at " << at << ", by columns";
       }
     }
   }

@@ -9,13 +9,13 @@ import re
 import subprocess
 import sys
 
-LOOPS = {"moveBaseline": 14, "rowsBaseline": 4, "setTwists": 1, "addTwists": 1, "moveTips": 1, "moveTipsFar": 1, "countInside": 1}
+LOOPS = {"setTwists": 1, "moveTips": 1, "moveTipsFar": 1, "moveThrough": 1}
 ARITHMETIC = r"\tf(?:n?mul|n?m?add|n?m?sub|ml[as]|cm[a-z]+|div|sqrt)\s+"
 
 code = subprocess.run([sys.argv[1], "-dC", "--no-show-raw-insn", sys.argv[2]], stdout=subprocess.PIPE, check=True).stdout.decode()
 found = dict.fromkeys(LOOPS, 0)
 for function in re.split(r"\n(?=[0-9a-f]+ <)", code):
-    name = re.match(r"[0-9a-f]+ <(?:.*RowsFound )?.*?batch::(?:\(anonymous namespace\)::)?(\w+)[<(](?!.*@plt)", function)
+    name = re.match(r"[0-9a-f]+ <helix_arm::model::\(anonymous namespace\)::(\w+)\((?!.*@plt)", function)
     if name and name.group(1) in LOOPS:
         vectors, singles = (len(re.findall(ARITHMETIC + one, function)) for one in (r"v\d+\.2d", r"d\d+"))
         if vectors == 0 or singles > 2 * vectors:

@@ -7,14 +7,6 @@
 
 namespace helix_arm::model {
 
-/// Vector units that a batch can use, the narrowest first. kBaseline is what every machine of its
-/// kind has.
-enum class InstructionSet { kBaseline, kAvx2, kAvx512 };
-/// The widest that this machine has.
-InstructionSet widestInstructionSet();
-/// "avx512f", "avx2", "sse2" or "portable".
-const char* nameOf(InstructionSet set);
-
 /// Many inputs in an array, one row each, whatever its strides.
 struct InputArray {
   const double* first;           ///< input of actuator 0 in row 0 [Pa or rad]
@@ -38,24 +30,21 @@ struct InputArray {
 class TipBatch {
  public:
   /// @param arm  outlives the batch.
-  /// @param set  which this machine has; the widest one is the fastest.
-  explicit TipBatch(const Arm& arm, InstructionSet set = widestInstructionSet());
+  explicit TipBatch(const Arm& arm);
   ~TipBatch();
 
   /// Structure of arrays.
   /// @param inputs  (actuatorCount) pointers to `count` inputs each, inside the limits [Pa or rad];
   ///     not checked.
   /// @param x,y,z   `count` tip coordinates each, base frame [m].
-  /// @param total   size of the batch that this is a part of; the tips of a large one are written
-  ///     past the caches.
-  void columns(const double* const* inputs, std::size_t count, double* x, double* y, double* z,
-               std::size_t total = 0) const;
+  void columns(const double* const* inputs, std::size_t count, double* x, double* y,
+               double* z) const;
 
   /// Array of structures.
   /// @param inputs  (count, actuatorCount); an array of rows without gaps is the fastest.
   /// @param tips    (count, 3), base frame [m]; must not overlap the inputs.
   /// @return whether all inputs are inside their limits; otherwise the tips mean nothing.
-  bool rows(const InputArray& inputs, std::size_t count, double* tips, std::size_t total = 0) const;
+  bool rows(const InputArray& inputs, std::size_t count, double* tips) const;
 
  private:
   struct Plan;
