@@ -530,8 +530,9 @@ constexpr char kNamespaceKey[] = "Namespace";
 
 /// The cockpit of one arm as a panel of rviz. Its namespace is saved in the configuration of rviz.
 ///
-/// The thread of the window reads CockpitLink::view() and asks for calls, none of which blocks.
-/// Only connecting to another arm asks the ROS master there.
+/// The thread of the window only reads CockpitLink::view() and asks for calls and links; none of it
+/// blocks. Until the link to another arm is there, the buttons are those of the arm before; title
+/// and stop name it.
 class CockpitPanel : public rviz::Panel {
  public:
   explicit CockpitPanel(QWidget* parent = nullptr) : rviz::Panel(parent) {
@@ -588,8 +589,9 @@ class CockpitPanel : public rviz::Panel {
     if (!config.mapGetString(kNamespaceKey, &ns)) return;
     namespace_->setText(ns);
     if (connectTo(ns)) return;
-    // The arm of onInitialize() is not that of this configuration.
-    link_.reset();
+    // The builder of onInitialize is not the arm of this configuration.
+    builder_.cancel();
+    LinkBuilder::end(std::move(link_));
     wanted_.reset();
     refresh();
   }
@@ -601,22 +603,20 @@ class CockpitPanel : public rviz::Panel {
   }
 
  private:
-  /// Connects to the arm of this namespace, and begins anew with it. If it is no name, the answer
-  /// says so, and the arm stays: its emergency stop must go on working. @return whether it is one.
+  /// Begins to connect to the arm of this namespace. If it is no name, the answer says so, and the
+  /// arm stays: its emergency stop must go on working. @return whether it is a name.
   bool connectTo(const QString& ns) {
     timer_->start(kUpdatePeriod);
     std::string name = ns.trimmed().toStdString();
     try {
-      link_ = std::make_unique<CockpitLink>(name);
+      builder_.begin(name);
     } catch (const std::exception& fault) {
-      const std::string stays =
-          link_ ? "; the panel stays with the arm of " + link_->view().ns : "";
-      safety_->display({"Namespace", false, fault.what() + stays, true});
+      tellNamespace(fault.what(), true);
       return false;
     }
     wanted_ = std::move(name);
+    told_of_master_ = false;
     safety_->forgetAnswer();
-    chart_->clear();
     refresh();
     return true;
   }
@@ -638,24 +638,55 @@ class CockpitPanel : public rviz::Panel {
   /// Shows whether the panel is connected to the name in the field.
   void markNamespace(const CockpitView& view) {
     const bool edited = typed() != wanted_;
-    const bool connected = !edited && link_;
+    const bool connected = !edited && link_ && view.connecting_to.empty();
     connect_->setEnabled(edited);
     const std::string arm = armName(view);
     const QString tip = QString::fromStdString(
         connected ? "Namespace of the arm's nodes, such as left (launch argument ns)"
-                  : "Not connected: Enter or Connect does. The buttons are those of " + arm);
+        : edited  ? "Not connected: Enter or Connect does. The buttons are those of " + arm
+                  : "Not connected yet. The buttons are those of " + arm);
     const QString style =
         connected ? "" : "QLineEdit { border: 2px solid " + colorOf(Tone::kCaution).name() + "; }";
     if (namespace_->toolTip() != tip) namespace_->setToolTip(tip);
     if (namespace_->styleSheet() != style) namespace_->setStyleSheet(style);
   }
 
-  CockpitView view() const { return link_ ? link_->view() : CockpitView(); }
+  void tellNamespace(const std::string& fault, bool refused) {
+    std::string stays;
+    if (link_) stays = "; the panel stays with the arm of " + link_->view().ns;
+    safety_->display({"Namespace", false, fault + stays, refused});
+  }
+
+  /// Begins anew with the arm to which a connection was made, if one was.
+  void takeLink() {
+    std::unique_ptr<CockpitLink> next;
+    try {
+      next = builder_.take();
+    } catch (const std::exception& fault) {
+      tellNamespace(fault.what(), false);
+      wanted_.reset();
+    }
+    if (!next) return;
+    if (link_) safety_->forgetAnswer();
+    LinkBuilder::end(std::exchange(link_, std::move(next)));
+    chart_->clear();
+  }
+
+  CockpitView view() const {
+    CockpitView out = link_ ? link_->view() : CockpitView();
+    out.connecting_to = builder_.connectingTo();
+    out.silent_master = builder_.silentMaster();
+    return out;
+  }
 
   void refresh() {
+    takeLink();
     const CockpitView view = this->view();
     if (link_) {
       for (const CallAnswer& answer : link_->takeAnswers()) safety_->display(answer);
+      if (!view.silent_master.empty() && !std::exchange(told_of_master_, true)) {
+        tellNamespace(masterWords(view), false);
+      }
     }
     safety_->display(view);
     pressures_->display(view);
@@ -718,8 +749,10 @@ class CockpitPanel : public rviz::Panel {
   StripChart* chart_;
   QTimer* timer_;
   std::optional<std::string> wanted_;  ///< last namespace that is a name, as it was typed
+  bool told_of_master_ = false;        ///< that it does not answer
   QSize window_;                       ///< of the 3D view
   int steady_ = 0;                     ///< refreshes since it has this size
+  LinkBuilder builder_;
   std::unique_ptr<CockpitLink> link_;
 };
 

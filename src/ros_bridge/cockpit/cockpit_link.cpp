@@ -124,6 +124,18 @@ double numberOf(const diagnostic_msgs::DiagnosticStatus& status, const char* key
   return text.empty() ? kUnknown : std::strtod(text.c_str(), nullptr);
 }
 
+constexpr std::chrono::milliseconds kAskAgain(500);  // a master that did not answer
+
+// Runs a body in a thread of its own, where what it holds ends, too.
+template <class Body>
+void elsewhere(Body body) {
+  try {
+    std::thread(std::move(body)).detach();
+  } catch (const std::system_error&) {
+    // There is no thread for it: what it holds ends here.
+  }
+}
+
 }  // namespace
 
 void ServiceCaller::ask(const std::string& what, double limit, Call call,
@@ -235,7 +247,7 @@ void CockpitLink::hear(const char* topic, Heard<Message> CockpitLink::*heard,
 }
 
 CockpitLink::CockpitLink(const std::string& ns) : node_(ns), spinner_(1, &queue_) {
-  seen_.ns = node_.getNamespace().empty() ? "/" : node_.getNamespace();  // roscpp's root
+  seen_.ns = resolved(ns);
   node_.setCallbackQueue(&queue_);
   pressure_publisher_ = node_.advertise<PressureArray>(names::kPressureTarget, 10);
   tip_publisher_ = node_.advertise<TipTarget>(names::kTipTarget, 10);
@@ -452,6 +464,35 @@ bool CockpitLink::onDiagnostics(const diagnostic_msgs::DiagnosticArray& message)
                      1e3 * numberOf(status, names::kUpperLimitKey)};
   }
   return true;
+}
+
+void LinkBuilder::begin(const std::string& ns) {
+  const auto next = std::make_shared<Attempt>();
+  next->ns = CockpitLink::resolved(ns);
+  std::packaged_task<std::unique_ptr<CockpitLink>()> task([next]() -> std::unique_ptr<CockpitLink> {
+    while (!masterAnswers()) {
+      next->silent = true;
+      std::this_thread::sleep_for(kAskAgain);
+      if (next->cancelled) return nullptr;
+    }
+    next->silent = false;
+    return next->cancelled ? nullptr : std::make_unique<CockpitLink>(next->ns);
+  });
+  auto made = task.get_future();
+  cancel();
+  std::thread(std::move(task)).detach();
+  attempt_ = next;
+  made_ = std::move(made);
+}
+
+void LinkBuilder::cancel() {
+  if (attempt_) attempt_->cancelled = true;
+  attempt_.reset();
+  if (made_.valid()) elsewhere([made = std::move(made_)] { made.wait(); });
+}
+
+void LinkBuilder::end(std::unique_ptr<CockpitLink> link) {
+  if (link) elsewhere([link = std::move(link)] {});
 }
 
 }  // namespace helix_arm::ros_bridge

@@ -15,6 +15,7 @@
 #include <actionlib/client/simple_action_client.h>
 #include <diagnostic_msgs/DiagnosticArray.h>
 #include <ros/callback_queue.h>
+#include <ros/master.h>
 #include <ros/node_handle.h>
 #include <ros/spinner.h>
 #include <ros/steady_timer.h>
@@ -235,10 +236,16 @@ class ActionRuns {
 /// followed by another stop or vent.
 class CockpitLink {
  public:
-  /// Waits for the ROS master, without end where that is gone or hangs.
+  /// Waits for the ROS master, without end where that is gone or hangs; see LinkBuilder.
   /// @param ns  Namespace of the arm's nodes, such as left; empty: that of this node.
   /// @throws ros::InvalidNameException if the namespace is no name.
   explicit CockpitLink(const std::string& ns);
+  /// The same namespace from the root, such as / or /left. Asks nobody.
+  /// @throws ros::InvalidNameException if it is no name.
+  static std::string resolved(const std::string& ns) {
+    const std::string out = ros::NodeHandle(ns).getNamespace();
+    return out.empty() ? "/" : out;  // roscpp's root
+  }
   ~CockpitLink() {
     spinner_.stop();
     timer_.stop();
@@ -350,6 +357,47 @@ class CockpitLink {
   std::unique_ptr<ActionRuns<RunExperimentAction, CockpitExperiment>> experiment_;
   ros::SteadyTimer timer_;
   ros::AsyncSpinner spinner_;
+};
+
+/// Makes and ends a CockpitLink in threads of its own: both ask the ROS master, and whoever asks
+/// for a link must not wait for one that is gone or hangs. No function waits.
+class LinkBuilder {
+ public:
+  /// An attempt under way ends in its own time.
+  ~LinkBuilder() { cancel(); }
+
+  /// Begins to connect to the arm of this namespace as soon as the master answers, in place of any
+  /// other arm.
+  /// @throws ros::InvalidNameException if the namespace is no name; what is under way goes on.
+  void begin(const std::string& ns);
+  /// Gives up on what is under way.
+  void cancel();
+
+  /// The link once it is there, once; null otherwise.
+  /// @throws what its constructor threw.
+  std::unique_ptr<CockpitLink> take() {
+    return made_.valid() && isReady(made_) ? made_.get() : nullptr;
+  }
+
+  /// Resolved namespace of the arm to which a connection is under way; empty if there is none.
+  std::string connectingTo() const { return made_.valid() && !isReady(made_) ? attempt_->ns : ""; }
+  /// URI of the ROS master if that connection waits for it; empty otherwise.
+  std::string silentMaster() const {
+    return attempt_ && attempt_->silent ? ros::master::getURI() : "";
+  }
+
+  /// Ends a link.
+  static void end(std::unique_ptr<CockpitLink> link);
+
+ private:
+  /// State that its thread, which may outlive the builder, shares with it.
+  struct Attempt {
+    std::string ns;  ///< resolved
+    std::atomic<bool> cancelled{false}, silent{false};
+  };
+
+  std::shared_ptr<Attempt> attempt_;                ///< the last one; null if it was given up on
+  std::future<std::unique_ptr<CockpitLink>> made_;  ///< by it; not valid once it was taken
 };
 
 }  // namespace helix_arm::ros_bridge

@@ -27,6 +27,8 @@ std::string nodeOf(const CockpitView& view, const char* node) {
 }
 
 std::string disconnected(const CockpitView& view) {
+  if (view.ns.empty() && !view.silent_master.empty()) return masterWords(view);
+  if (view.ns.empty() && !view.connecting_to.empty()) return "connects to " + view.connecting_to;
   if (view.ns.empty()) return "the namespace above is no name; correct it";
   return "no pressure_command comes from " + nodeOf(view, "pressure_command") +
          "; start the arm (arm.launch or demo.launch), or correct the namespace";
@@ -90,6 +92,11 @@ constexpr double kDiscRadius = 0.1;     // of an arm's discs, in its lengths
 std::string armName(const CockpitView& view) {
   if (view.ns.empty()) return "no arm";
   return view.ns == "/" ? "/ (no namespace)" : view.ns;
+}
+
+std::string masterWords(const CockpitView& view) {
+  return "the ROS master at " + view.silent_master + " does not answer; the panel connects to " +
+         view.connecting_to + " once it does";
 }
 
 Headline headline(const CockpitView& view) {

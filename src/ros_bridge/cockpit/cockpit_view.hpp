@@ -70,6 +70,8 @@ using CockpitExperiment = CockpitRun<RunExperimentFeedback, RunExperimentResult>
 /// All that the cockpit shows of one arm, at one moment.
 struct CockpitView : CockpitHold {
   std::string ns;                ///< resolved namespace of the arm, such as / or /left
+  std::string connecting_to;     ///< that of the arm to which a connection is made; empty: none
+  std::string silent_master;     ///< URI of the ROS master if it lets that connection wait
   std::string base_frame;        ///< tf frame of the arm's base; empty if unknown
   double arm_length = kUnknown;  ///< of the model [m]
   bool connected = false;        ///< pressure_command comes
@@ -145,6 +147,9 @@ Headline headline(const CockpitView& view);
 /// The next thing to do; and if that is to enable the arm, what prevents it now. Empty if neither
 /// is.
 std::string remedyWords(const CockpitView& view);
+
+/// That a ROS master which does not answer prevents the connection to an arm.
+std::string masterWords(const CockpitView& view);
 
 /// Whether an action is possible now; if not, why not, and what makes it possible.
 struct Possibility {

@@ -41,6 +41,13 @@ Reply callXmlRpc(const std::string& host, int port, const char* method,
 /// Asks the master for this node, which a restarted one does not know and nobody can then find.
 Reply askMaster();
 
+/// Whether the ROS master answers within kAnswerPatience; unlike ros::master::check(), which
+/// waits for one that hangs without end.
+inline bool masterAnswers() {
+  const Reply answer = askMaster();
+  return answer == Reply::kSuccess || answer == Reply::kFailure;
+}
+
 /// Whether another node is still there: an arm that it set in motion has a living commander.
 ///
 /// Asks the node itself (getPid of its XML-RPC interface) from a thread of its own, kPeriod after
