@@ -2,9 +2,7 @@
 
 #include <algorithm>
 #include <limits>
-#include <map>
 #include <set>
-#include <utility>
 
 namespace helix_arm::estimation {
 
@@ -60,86 +58,134 @@ void LinearisedReadings::evaluate(int capture, const Values& values, bool deriva
 CalibrationEquations::CalibrationEquations(const ParameterBlocks& blocks,
                                            const std::vector<ReadingTerm>& terms,
                                            ParameterBlock eliminated)
-    : blocks_(blocks) {
-  std::map<int, std::set<int>> partners;  // columns of the rest that readings of a block have, too
+    : blocks_(blocks), gradient_(blocks.columns()) {
+  for (const ParameterBlocks::Block& block : blocks.all()) {
+    if (block.kind == eliminated) {
+      places_.push_back(-1 - static_cast<int>(eliminated_.size()));
+      eliminated_.push_back({block.column, block.size(), {}, {}, {}, {}, {}, {}});
+      continue;
+    }
+    places_.push_back(static_cast<int>(rest_.size()));
+    for (int i = 0; i < block.size(); ++i) rest_.push_back(block.column + i);
+  }
+  H_rest_.resize(rest_.size(), rest_.size());
+  std::vector<std::set<int>> partners(eliminated_.size());
   for (const ReadingTerm& term : terms) {
-    const auto kindOf = [&](int b) { return blocks.all()[b].kind; };
     const auto own = std::find_if(term.blocks.begin(), term.blocks.end(),
-                                  [&](int b) { return kindOf(b) == eliminated; });
+                                  [this](int b) { return places_[b] < 0; });
+    if (own == term.blocks.end()) continue;
     for (const int b : term.blocks) {
-      if (own == term.blocks.end() || b == *own) continue;
-      const ParameterBlocks::Block& other = blocks.all()[b];
-      for (int i = 0; i < other.size(); ++i) {
-        partners[blocks.all()[*own].column].insert(other.column + i);
+      for (int i = 0; places_[b] >= 0 && i < blocks.all()[b].size(); ++i) {
+        partners[-1 - places_[*own]].insert(places_[b] + i);
       }
     }
   }
-  for (const ParameterBlocks::Block& block : blocks.all()) {
-    if (block.kind == eliminated) {
-      eliminated_.push_back({block.column, block.size(), {}, {}, {}, {}});
-      continue;
-    }
-    for (int i = 0; i < block.size(); ++i) rest_.push_back(block.column + i);
+  for (std::size_t k = 0; k < eliminated_.size(); ++k) {
+    Eliminated& one = eliminated_[k];
+    one.at.assign(partners[k].begin(), partners[k].end());
+    one.own.resize(one.size, one.size);
+    one.cross.resize(one.size, static_cast<Eigen::Index>(one.at.size()));
   }
-  for (Eliminated& one : eliminated_) {
-    for (const int column : partners[one.column]) {
-      const auto place = std::lower_bound(rest_.begin(), rest_.end(), column);
-      one.at.push_back(static_cast<int>(place - rest_.begin()));
-    }
-  }
-  H_.resize(blocks.columns(), blocks.columns());
-  gradient_.resize(blocks.columns());
 }
 
-void CalibrationEquations::addPrior(const ParameterBlocks::Block& block,
-                                    const Eigen::VectorXd& offset) {
+void CalibrationEquations::clear() {
+  H_rest_.setZero();
+  gradient_.setZero();
+  for (Eliminated& one : eliminated_) {
+    one.own.setZero();
+    one.cross.setZero();
+  }
+}
+
+void CalibrationEquations::addPrior(std::size_t b, const Eigen::VectorXd& offset) {
+  const ParameterBlocks::Block& block = blocks_.all()[b];
   const Eigen::VectorXd precision = block.deviation.array().square().inverse();
-  H_.diagonal().segment(block.column, block.size()) += precision;
+  if (places_[b] < 0) {
+    eliminated_[-1 - places_[b]].own.diagonal() += precision;
+  } else {
+    H_rest_.diagonal().segment(places_[b], block.size()) += precision;
+  }
   gradient_.segment(block.column, block.size()) += precision.cwiseProduct(offset);
 }
 
-void CalibrationEquations::addDirection(const ParameterBlocks::Block& block,
-                                        const Eigen::VectorXd& direction, double deviation,
-                                        double offset) {
+void CalibrationEquations::addDirection(std::size_t b, const Eigen::VectorXd& direction,
+                                        double deviation, double offset) {
+  const ParameterBlocks::Block& block = blocks_.all()[b];
   const double precision = 1 / (deviation * deviation);
-  H_.block(block.column, block.column, block.size(), block.size()) +=
+  H_rest_.block(places_[b], places_[b], block.size(), block.size()) +=
       precision * direction * direction.transpose();
   gradient_.segment(block.column, block.size()) += precision * offset * direction;
 }
 
 void CalibrationEquations::addTerm(const ReadingTerm& term, const Eigen::MatrixXd& J,
                                    const Eigen::VectorXd& residual, double weight) {
-  addInformation(term, blocks_, J, weight, H_);
-  int column = 0;
-  for (const int b : term.blocks) {
-    const ParameterBlocks::Block& block = blocks_.all()[b];
-    gradient_.segment(block.column, block.size()).noalias() +=
-        weight * J.middleCols(column, block.size()).transpose().lazyProduct(residual);
-    column += block.size();
+  const Eigen::MatrixXd square = weight * J.transpose() * J;
+  const Eigen::VectorXd by_residual = weight * J.transpose() * residual;
+  int i = 0;
+  for (const int a : term.blocks) {
+    const ParameterBlocks::Block& row = blocks_.all()[a];
+    gradient_.segment(row.column, row.size()) += by_residual.segment(i, row.size());
+    int j = 0;
+    for (const int b : term.blocks) {
+      const int columns = blocks_.all()[b].size();
+      const auto part = square.block(i, j, row.size(), columns);
+      j += columns;
+      if (places_[a] >= 0) {
+        if (places_[b] >= 0) H_rest_.block(places_[a], places_[b], row.size(), columns) += part;
+        continue;
+      }
+      Eliminated& one = eliminated_[-1 - places_[a]];
+      if (a == b) {
+        one.own += part;
+      } else {
+        const auto first = std::lower_bound(one.at.begin(), one.at.end(), places_[b]);
+        one.cross.middleCols(first - one.at.begin(), columns) += part;
+      }
+    }
+    i += row.size();
   }
 }
 
+Eigen::VectorXd CalibrationEquations::diagonal() const {
+  Eigen::VectorXd out(gradient_.size());
+  out(rest_) = H_rest_.diagonal();
+  for (const Eliminated& one : eliminated_) out.segment(one.column, one.size) = one.own.diagonal();
+  return out;
+}
+
+Eigen::MatrixXd CalibrationEquations::hessian() const {
+  Eigen::MatrixXd out = Eigen::MatrixXd::Zero(gradient_.size(), gradient_.size());
+  out(rest_, rest_) = H_rest_;
+  for (const Eliminated& one : eliminated_) {
+    out.block(one.column, one.column, one.size, one.size) = one.own;
+    for (std::size_t j = 0; j < one.at.size(); ++j) {
+      const auto cross = one.cross.col(static_cast<Eigen::Index>(j));
+      out.col(rest_[one.at[j]]).segment(one.column, one.size) = cross;
+      out.row(rest_[one.at[j]]).segment(one.column, one.size) = cross.transpose();
+    }
+  }
+  return out;
+}
+
 bool CalibrationEquations::factor(const Eigen::VectorXd& damping) {
-  reduced_ = H_(rest_, rest_);
+  // Eigen calls NaN a success.
+  const auto sound = [](const Cholesky& root) {
+    return root.info() == Eigen::Success && root.matrixLLT().diagonal().allFinite();
+  };
+  reduced_ = H_rest_;
   reduced_.diagonal() += damping(rest_);
   reduced_gradient_ = gradient_(rest_);
   for (Eliminated& one : eliminated_) {
-    const auto columns = H_.middleCols(one.column, one.size);
-    Eigen::MatrixXd own = columns.middleRows(one.column, one.size);
+    Eigen::MatrixXd own = one.own;
     own.diagonal() += damping.segment(one.column, one.size);
-    if (one.root.compute(own).info() != Eigen::Success) return false;
-    one.cross.resize(one.size, static_cast<Eigen::Index>(one.at.size()));
-    Eigen::Index column = 0;
-    for (const int i : one.at) one.cross.col(column++) = columns.row(rest_[i]);
-    one.root.matrixL().solveInPlace(one.cross);
-    one.gradient = one.root.matrixL().solve(gradient_.segment(one.column, one.size));
-    const Eigen::MatrixXd square = one.cross.transpose() * one.cross;
+    if (!sound(one.root.compute(own))) return false;
+    one.scaled_cross = one.root.matrixL().solve(one.cross);
+    one.scaled_gradient = one.root.matrixL().solve(gradient_.segment(one.column, one.size));
+    const Eigen::MatrixXd square = one.scaled_cross.transpose() * one.scaled_cross;
     reduced_(one.at, one.at) -= square;
-    reduced_gradient_(one.at) -= one.cross.transpose() * one.gradient;
+    reduced_gradient_(one.at) -= one.scaled_cross.transpose() * one.scaled_gradient;
   }
-  // Eigen calls NaN a success.
-  return root_.compute(reduced_).info() == Eigen::Success &&
-         root_.matrixLLT().diagonal().allFinite();
+  return sound(root_.compute(reduced_));
 }
 
 Eigen::VectorXd CalibrationEquations::step() const {
@@ -147,7 +193,7 @@ Eigen::VectorXd CalibrationEquations::step() const {
   const Eigen::VectorXd rest = root_.solve(-reduced_gradient_);
   out(rest_) = rest;
   for (const Eliminated& one : eliminated_) {
-    const Eigen::VectorXd scaled = -one.gradient - one.cross * rest(one.at);
+    const Eigen::VectorXd scaled = -one.scaled_gradient - one.scaled_cross * rest(one.at);
     out.segment(one.column, one.size) = one.root.matrixU().solve(scaled);
   }
   return out;
@@ -164,7 +210,8 @@ double CalibrationEquations::inverseTrace(const Eigen::VectorXd& weights) const 
     const Eigen::MatrixXd unit = Eigen::MatrixXd::Identity(one.size, one.size);
     const Eigen::MatrixXd inverse = one.root.matrixU().solve(unit);
     const Eigen::MatrixXd own_reduced = reduced(one.at, one.at);
-    const Eigen::MatrixXd variance = unit + one.cross * own_reduced * one.cross.transpose();
+    const Eigen::MatrixXd variance =
+        unit + one.scaled_cross * own_reduced * one.scaled_cross.transpose();
     trace += (inverse * variance * inverse.transpose())
                  .diagonal()
                  .dot(weights.segment(one.column, one.size));

@@ -68,22 +68,21 @@ class CalibrationEquations {
                        ParameterBlock eliminated);
 
   /// Starts anew.
-  void clear() {
-    H_.setZero();
-    gradient_.setZero();
-  }
+  void clear();
   /// @param offset  of the values from the mean of their prior.
-  void addPrior(const ParameterBlocks::Block& block, const Eigen::VectorXd& offset);
+  void addPrior(std::size_t block, const Eigen::VectorXd& offset);
   /// @param J  (residuals x columns of the term).
   void addTerm(const ReadingTerm& term, const Eigen::MatrixXd& J, const Eigen::VectorXd& residual,
                double weight);
-  /// A prior of the value along a direction of a block.
+  /// A prior of the value along a direction of a block that is not eliminated.
   ///
   /// @param offset  of that value from its mean.
-  void addDirection(const ParameterBlocks::Block& block, const Eigen::VectorXd& direction,
-                    double deviation, double offset);
+  void addDirection(std::size_t block, const Eigen::VectorXd& direction, double deviation,
+                    double offset);
 
-  const Eigen::MatrixXd& hessian() const { return H_; }
+  /// Diagonal of H.
+  Eigen::VectorXd diagonal() const;
+  Eigen::MatrixXd hessian() const;
   const Eigen::VectorXd& gradient() const { return gradient_; }
 
   /// Factors H + diag(damping). @return false if it is not positive definite.
@@ -99,19 +98,22 @@ class CalibrationEquations {
 
  private:
   using Cholesky = Eigen::LLT<Eigen::MatrixXd>;
-  // A block with its factors: own + damping = L L', L^-1 H(block, at), L^-1 g(block).
+  // A block: H(block, block) and H(block, at), and their factors own + damping = L L', L^-1 cross,
+  // L^-1 g(block).
   struct Eliminated {
     int column, size;
     std::vector<int> at;  // indices in the rest of the columns that its readings have, too
+    Eigen::MatrixXd own, cross;
     Cholesky root;
-    Eigen::MatrixXd cross;
-    Eigen::VectorXd gradient;
+    Eigen::MatrixXd scaled_cross;
+    Eigen::VectorXd scaled_gradient;
   };
 
   const ParameterBlocks& blocks_;
   std::vector<Eliminated> eliminated_;
-  std::vector<int> rest_;  // columns that are not eliminated
-  Eigen::MatrixXd H_;
+  std::vector<int> rest_;    // columns that are not eliminated
+  std::vector<int> places_;  // (blocks) index in the rest, or -1 - index among the eliminated
+  Eigen::MatrixXd H_rest_;   // H(rest, rest)
   Eigen::VectorXd gradient_;
   Eigen::MatrixXd reduced_;
   Eigen::VectorXd reduced_gradient_;

@@ -316,7 +316,7 @@ HeldTest testHeld(const FitParameterInfo& info, const std::vector<ArmCaptures>& 
     (is_own ? own : others).push_back(i);
   }
   const CalibrationEquations& equations = everything.equations(fit.noise_scale);
-  const Eigen::MatrixXd& H = equations.hessian();
+  const Eigen::MatrixXd H = equations.hessian();
   const Eigen::MatrixXd cross = H(others, own);
   const Eigen::VectorXd& gradient = equations.gradient();
   const Eigen::LLT<Eigen::MatrixXd> rest(Eigen::MatrixXd(H(others, others)));

@@ -143,12 +143,13 @@ void CalibrationProblem::assemble(const Task& task, const LinearisedReadings& re
                                   const Eigen::VectorXd& numbers) {
   const double inverse2 = 1 / (task.noise_scale * task.noise_scale);
   equations_->clear();
-  for (const ParameterBlocks::Block& block : blocks_.all()) {
+  for (std::size_t b = 0; b < blocks_.all().size(); ++b) {
+    const ParameterBlocks::Block& block = blocks_.all()[b];
     if (!takesPart(block, task.included)) continue;
-    equations_->addPrior(block, numbers.segment(block.column, block.size()) - block.mean);
+    equations_->addPrior(b, numbers.segment(block.column, block.size()) - block.mean);
     if (task.held == nullptr || block.kind != ParameterBlock::kStiffness) continue;
     const Eigen::VectorXd moved = (numbers - start_).segment(block.column, block.size());
-    equations_->addDirection(block, *task.held, kHeldDeviation, task.held->dot(moved));
+    equations_->addDirection(b, *task.held, kHeldDeviation, task.held->dot(moved));
   }
   for (std::size_t t = 0; t < terms_.size(); ++t) {
     const double square = inverse2 * readings.square(t);
@@ -167,7 +168,7 @@ Solved CalibrationProblem::solve(double noise_scale, const Included& included,
   if (std::isnan(out.cost)) return out;
   assemble(task, *here_, now);
   out.converged = isFlat(*equations_);
-  const Eigen::ArrayXd unit2 = (1 + equations_->hessian().diagonal().array().sqrt()).square();
+  const Eigen::ArrayXd unit2 = (1 + equations_->diagonal().array().sqrt()).square();
   TrustRegion radius;
   int invalid = 0;
   bool settled = false;  // whether the last step was one, and small
@@ -177,7 +178,7 @@ Solved CalibrationProblem::solve(double noise_scale, const Included& included,
       break;
     }
     settled = false;
-    const Eigen::ArrayXd diagonal = equations_->hessian().diagonal().array();
+    const Eigen::ArrayXd diagonal = equations_->diagonal().array();
     const Eigen::VectorXd damping =
         (diagonal / unit2).max(kLeastDiagonal).min(kMostDiagonal) * unit2 / radius.value();
     const auto [step, expected] = dampedStep(*equations_, damping);

@@ -300,6 +300,10 @@ WorkspaceSummary sampleWorkspace(const statics::Workspace& workspace,
     add(piece.points, kept, summary);
     progress.reached(summary.inputs);
   }
+  summary.seconds = progress.seconds();
+  if (summary.points() > 0) {
+    summary.extremes = statics::findExtremes(workspace.model(), summary.sampled, interrupted);
+  }
   summary.whole = !interrupted();
   summary.kept.tips.conservativeResize(kept, 3);
   summary.kept.sensitivity.conservativeResize(arguments.sensitivity ? kept : 0, 3);
@@ -307,7 +311,6 @@ WorkspaceSummary sampleWorkspace(const statics::Workspace& workspace,
     if (format.tellsCount()) file->writeOver(0, format.header(summary.points()));
     file->commit();
   }
-  summary.seconds = progress.seconds();
   return summary;
 }
 
@@ -449,7 +452,6 @@ int run(WorkspaceArguments arguments, const GlobalOptions& global) {
     return kInterrupted;
   }
   const bool some = summary.points() > 0;
-  if (some) summary.extremes = statics::findExtremes(workspace.model(), summary.sampled);
   // If the picture fails, the summary is printed all the same, without it.
   std::exception_ptr fault;
   try {
@@ -493,8 +495,9 @@ Subcommand addWorkspace(CLI::App& app) {
   command->footer(
       R"(bounds_m and reach_m are the largest values of a search from the farthest of the sampled
 points and of corners of the limits (1024, under load 128, exact tier 8): each is a tip
-position of the arm. sampled_*: of the sampled points alone. resolution_m: largest
-distance from these to what the search found, by which the points may miss the border.
+position of the arm; nothing proves that there is none beyond. sampled_*: of the sampled
+points alone. resolution_m: largest distance from these to what the search found, by
+which the points miss the border at least.
 Sensitivity: tip displacement [m] for an error of 1 kPa in every pressure (per_kpa_m),
 of 1 mm in every free length (per_mm_m), of 1 % in every entry of the stiffness, under
 load also K_eps (per_percent_K_m).

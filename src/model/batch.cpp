@@ -189,7 +189,7 @@ HELIX_ARM_INLINE std::int64_t gatherEvery(const double* __restrict from, std::pt
   for (std::size_t j = 0; j < kBlock; ++j) {
     to[j] = from[(kStride > 0 ? kStride : stride) * static_cast<std::ptrdiff_t>(j)];
   }
-  // What is checked is what was copied, whoever writes to the array meanwhile.
+  // The copy is checked, not the array, which others may write to meanwhile.
   for (std::size_t j = 0; j < kBlock; ++j) inside += to[j] >= lower && to[j] <= upper ? 1 : 0;
   return inside;
 }
@@ -250,10 +250,10 @@ struct TipBatch::Plan {
   }
 
   // The tips of a block. @param inputsOf  the inputs of an actuator, where they are or via a
-  // buffer.
+  // buffer. @param size  samples that count; the others fill the block up.
   template <class InputsOf>
-  void tips(const InputsOf& inputsOf, Block* block, double* const* out) const {
-    if (!arm.isLinear()) return tipsOneByOne(inputsOf, block, out);
+  void tips(const InputsOf& inputsOf, std::size_t size, Block* block, double* const* out) const {
+    if (!arm.isLinear()) return tipsOneByOne(inputsOf, size, block, out);
     const Column* from = block->origin;
     int present = 0;  // of block->tips
     for (int k = arm.sectionCount() - 1; k >= 0; --k) {
@@ -274,13 +274,14 @@ struct TipBatch::Plan {
 
   // Products of exponentials, and maps that depend on the inputs, are not vectorised.
   template <class InputsOf>
-  void tipsOneByOne(const InputsOf& inputsOf, Block* block, double* const* out) const {
-    Eigen::MatrixXd q(arm.actuatorCount(), kBlock);
+  void tipsOneByOne(const InputsOf& inputsOf, std::size_t size, Block* block,
+                    double* const* out) const {
+    Eigen::MatrixXd q(arm.actuatorCount(), size);
     for (int i = 0; i < q.rows(); ++i) {
       const double* const inputs = inputsOf(i, block->inputs[0]);
-      for (std::size_t j = 0; j < kBlock; ++j) q(i, j) = inputs[j];
+      for (std::size_t j = 0; j < size; ++j) q(i, j) = inputs[j];
     }
-    for (std::size_t j = 0; j < kBlock; ++j) {
+    for (std::size_t j = 0; j < size; ++j) {
       const Eigen::Vector3d tip = arm.tipInside(q.col(j)).translation;
       for (int r = 0; r < 3; ++r) out[r][j] = tip[r];
     }
@@ -306,10 +307,10 @@ void TipBatch::columns(const double* const* inputs, std::size_t count, double* x
     double* const out[] = {x + first, y + first, z + first};
     if (size == kBlock) {
       for (const double* column : out) fetch(column + 2 * kBlock);
-      plan_->tips(inputsOf, &block, out);
+      plan_->tips(inputsOf, size, &block, out);
     } else {
       double* const padded[] = {block.out[0], block.out[1], block.out[2]};
-      plan_->tips(inputsOf, &block, padded);
+      plan_->tips(inputsOf, size, &block, padded);
       for (int r = 0; r < 3; ++r) std::copy_n(padded[r], size, out[r]);
     }
   }
@@ -337,7 +338,7 @@ bool TipBatch::rows(const InputArray& inputs, std::size_t count, double* tips) c
       inside &= gather(from, stride, limits, buffer) == kBlock;
       return buffer;
     };
-    plan_->tips(inputsOf, &block, out);
+    plan_->tips(inputsOf, size, &block, out);
     double* const to = tips + 3 * first;
     for (int r = 0; r < 3; ++r) fetch(to + (6 + r) * kBlock);
     if (size == kBlock) {

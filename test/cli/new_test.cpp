@@ -1,7 +1,6 @@
 // helix_arm new: the scene that it writes loads, passes the check and holds what was asked for.
 #include <filesystem>
 #include <fstream>
-#include <variant>
 
 #include <gtest/gtest.h>
 

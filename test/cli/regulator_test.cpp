@@ -1,7 +1,6 @@
 #include <algorithm>
 #include <csignal>
 #include <filesystem>
-#include <fstream>
 #include <memory>
 #include <sstream>
 
@@ -264,6 +263,21 @@ TEST(RegulatorGuard, VentsAfterTheEndOfTheMovingProcess) {
       << said;
   EXPECT_TRUE(has(said, " is vented, after "));
   EXPECT_EQ(std::count(said.begin(), said.end(), '\n'), 1);
+}
+
+TEST(RegulatorGuard, WhatItCannotVentIsNamedWithTheRemedyForTheAir) {
+  EmulatedDevice device(deviceConfig());
+  fill(device);
+  device.setFault(DeviceFault::kStuckValue);
+  Process guard(words(at(device.port(), {"guard", "--set", "safety.vent_time_s=0.3"})));
+  guard.endInput();
+  EXPECT_EQ(guard.exitCode(), 1);
+  const std::string said = guard.outputNow();
+  EXPECT_TRUE(has(said, " is NOT vented: muscle_1 still has "));
+  EXPECT_TRUE(has(said,
+                  "; the arm may be under pressure: shut the supply, open the relief valve by "
+                  "hand, then `helix_arm regulator " +
+                      scenePath("demo_modbus") + " vent`\n"));
 }
 
 TEST(RegulatorGuard, TriesUntilTheDeviceIsThere) {

@@ -183,6 +183,19 @@ TEST(Workspace, TheSameSeedGivesTheSameFileWhateverTheThreads) {
   EXPECT_TRUE(slow("exact", "21", "1") == slow("exact", "21", "4"));
 }
 
+TEST(Workspace, WhereNothingBalancesTheLoadThereIsNoFile) {
+  const TemporaryFolder folder;
+  const Outcome none =
+      workspace(scenePath("loaded"),
+                {"--out", folder / "cloud.ply", "--count", "400", "--tier", "loaded", "--order",
+                 "2", "--set", "arm.base.rpy_deg=[0, -90, 0]", "--set", "load.mass_kg=40"});
+  EXPECT_EQ(none.exit_code, 1);
+  EXPECT_EQ(none.json()["unbalanced"], 400);
+  EXPECT_TRUE(none.json()["reach_m"].is_null());
+  EXPECT_TRUE(none.json()["resolution_m"].is_null());
+  EXPECT_EQ(namesIn(folder.path()), std::set<std::string>{});
+}
+
 constexpr std::chrono::seconds kGenerous{120};  // on a busy machine
 
 // Interrupts it once so many files are in the folder.

@@ -232,6 +232,8 @@ TEST(SafetyRefusal, NamesWhatIsWrongNow) {
   expect("the regulator's link is down");
   bench.core.linked(bench.now, true);
   EXPECT_EQ(bench.core.refusal(bench.now), "");
+  EXPECT_EQ(bench.core.refusal(bench.now - 1e6), "");
+  EXPECT_EQ(bench.core.refusal(kNan), "");
   expect("vents was not read for 0.75 s, longer than 0.5 s", 0.75);
   bench.readsAs(2, 1.42e4);
   bench.run(1);

@@ -1,7 +1,5 @@
 #include "helix_arm/localization/rig_memory.hpp"
 
-#include <cmath>
-
 #include <gtest/gtest.h>
 
 #include "support/has.hpp"

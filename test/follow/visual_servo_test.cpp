@@ -8,6 +8,7 @@
 #include <gtest/gtest.h>
 
 #include "support/allocation_counter.hpp"
+#include "support/has.hpp"
 #include "support/loop_bench.hpp"
 #include "support/paper_arm.hpp"
 #include "support/refusal.hpp"
@@ -249,6 +250,14 @@ TEST_F(Loop, TurnsWithoutAllocation) {
   const test::AllocationCounter counter;
   for (int k = 0; k < 25; ++k) bench_.loop.reading(now += 0.01, set_point, reading);
   EXPECT_EQ(counter.count(), 0u);
+}
+
+TEST_F(Loop, RefusesATargetThatIsNone) {
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  const std::string message =
+      test::refusal([&] { bench_.loop.aimAt(Eigen::Vector3d(0.3, nan, 0)); });
+  EXPECT_TRUE(test::has(message, "not finite"));
+  EXPECT_FALSE(bench_.loop.hasTarget());
 }
 
 // A bus of many regulators may give five readings a second: pictures then are newer than the last.

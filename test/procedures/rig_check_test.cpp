@@ -1,7 +1,6 @@
 #include "helix_arm/procedures/rig_check.hpp"
 
 #include <Eigen/Geometry>
-#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <variant>

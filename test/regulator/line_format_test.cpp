@@ -105,6 +105,21 @@ TEST(LineFormat, NonDecimalNumbersAreRefused) {
   for (const char* text : {"", "1 5"}) EXPECT_FALSE(numberOf(text)) << text;
 }
 
+class DecimalComma : public std::numpunct<char> {
+  char do_decimal_point() const override { return ','; }
+  char do_thousands_sep() const override { return '.'; }
+  std::string do_grouping() const override { return "\3"; }
+};
+
+TEST(LineFormat, TheLocaleDoesNotMatter) {
+  const std::locale before = std::locale::global(std::locale(std::locale(), new DecimalComma));
+  EXPECT_EQ(numberOf("1234.5"), 1234.5);
+  EXPECT_FALSE(numberOf("1,5"));
+  EXPECT_FALSE(numberOf("1.234,5"));
+  EXPECT_EQ(LineFormat("{pressure}").line("", {{1234.5}, {}, {}}), "1234.50");
+  std::locale::global(before);
+}
+
 TEST(LineFormat, BlanksAndEndsOfLinesDoNotMatterAndAnotherLineIsNoReading) {
   const LineFormat format("{address} {pressure} {set_point}{words}");
   for (const char* line : {"A +014.70 +020.00", "  A  +014.70\t+020.00  ", "\nA +014.70 +020.00\r",
@@ -123,6 +138,19 @@ TEST(LineFormat, BlanksAndEndsOfLinesDoNotMatterAndAnotherLineIsNoReading) {
   EXPECT_TRUE(format.match("A +014.70 +02", "A", 1)) << "nothing shows that it is half a line";
 }
 
+TEST(LineFormat, BytesThatAreNoTextAndLinesThatAreTooLongAreRefused) {
+  for (int byte = 0; byte < 256; ++byte) {
+    std::string line = "one two";
+    line[5] = static_cast<char>(byte);
+    EXPECT_EQ(LineFormat("{*} {...}").match(line, "", 0).has_value(),
+              (byte >= ' ' && byte <= '~') || byte == '\t')
+        << byte;
+  }
+  const LineFormat any("{...}");
+  EXPECT_TRUE(any.match(std::string(kLongestLine, 'x'), "", 0));
+  EXPECT_FALSE(any.match(std::string(kLongestLine + 1, 'x'), "", 0));
+}
+
 TEST(LineFormat, TheNumberOfChannelsMustMatch) {
   const LineFormat format("{*}\t1\t{pressures}", {"\t", "", 2});
   EXPECT_TRUE(format.match("120\t1\t1.0\t2.0\t3.0\t", "", 3));
@@ -139,6 +167,19 @@ TEST(LineFormat, AnotherUnitIsRefused) {
   for (const char* line : {"p=1.0 psi", "p=1.0 kPaa", "p=1.0 kP", "p=1.0", "p=1.0 kpa"}) {
     EXPECT_FALSE(format.match(line, "", 1)) << line;
   }
+}
+
+TEST(LineFormat, ValuesThatCannotBeWrittenAreRefused) {
+  const LineFormat format("{pressure}");
+  EXPECT_EQ(refusal([&] {
+              format.line("", {{1e9}, {}, {}});
+            }),
+            "a line cannot hold the number 1e+09; expected one below 1e9");
+  EXPECT_EQ(refusal([&] {
+              format.line("", {{1, 2}, {}, {}});
+            }),
+            "\"{pressure}\" needs {pressure}, which is not given");
+  EXPECT_EQ(format.line("", {{std::numeric_limits<double>::quiet_NaN()}, {}, {}}), "nan");
 }
 
 // ---- Profiles: the lines of a device, its unit and its times ----

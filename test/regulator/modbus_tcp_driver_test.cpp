@@ -4,6 +4,7 @@
 
 #include "support/end_of.hpp"
 #include "support/eventually.hpp"
+#include "support/has.hpp"
 #include "support/modbus_profiles.hpp"
 #include "support/raw_modbus.hpp"
 #include "support/refusal.hpp"
@@ -272,6 +273,52 @@ TEST(ModbusLink, ALateDeviceReceivesTheVentAndEmptiesWhileTheLinkIsHeld) {
   }
 }
 
+std::string connectRefusal(const std::string& host, int port) {
+  const auto driver = ModbusConfig{mpaProfile(), host, port, {0}}.makeDriver(1);
+  return refusal<LinkError>([&driver] { driver->connect(); });
+}
+
+// A port of 127.0.0.1 with a queue of those who have not been accepted.
+class Listener {
+ public:
+  explicit Listener(int backlog) : socket_(::socket(AF_INET, SOCK_STREAM, 0)) {
+    address_.sin_family = AF_INET;
+    address_.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    auto* const generic = reinterpret_cast<sockaddr*>(&address_);
+    socklen_t size = sizeof address_;
+    EXPECT_EQ(bind(socket_, generic, size), 0);
+    EXPECT_EQ(listen(socket_, backlog), 0);
+    EXPECT_EQ(getsockname(socket_, generic, &size), 0);
+  }
+  ~Listener() { close(socket_); }
+  Listener(const Listener&) = delete;
+  Listener& operator=(const Listener&) = delete;
+
+  int socket() const { return socket_; }
+  int port() const { return ntohs(address_.sin_port); }
+  void join(int client) const {
+    connect(client, reinterpret_cast<const sockaddr*>(&address_), sizeof address_);
+  }
+
+ private:
+  const int socket_;
+  sockaddr_in address_{};
+};
+
+// A listener with a full backlog: further connections are not answered.
+TEST(ModbusConnecting, ADeviceThatDoesNotAnswerDoesNotHoldItUp) {
+  const Listener listener(0);
+  std::vector<int> queue;
+  for (int i = 0; i < 4; ++i) {
+    queue.push_back(socket(AF_INET, SOCK_STREAM | SOCK_NONBLOCK, 0));
+    listener.join(queue.back());
+  }
+  std::string error;
+  EXPECT_LT(secondsOf([&] { error = connectRefusal("127.0.0.1", listener.port()); }), kBounded);
+  EXPECT_TRUE(has(error, "cannot connect: Connection timed out; check that it is switched on"));
+  for (const int each : queue) close(each);
+}
+
 // The header of the request's reply with these bytes behind it.
 Bytes framed(const Bytes& request, const Bytes& rest) {
   Bytes reply(request.begin(), request.begin() + 4);
@@ -319,6 +366,23 @@ TEST(ModbusReplies, ARegisterIsANumberWithASign) {
   EXPECT_TRUE(std::isnan(reading(0x80, 0x00)));
 }
 
+TEST(ModbusReplies, NoPressureIsBelowVacuum) {
+  Answered device([](const Bytes& request) { return framed(request, {3, 2, 0x80, 0x01}); });
+  const std::string error = refusal<BadReply>([&] { device.read(); });
+  EXPECT_TRUE(
+      has(error, "register 45395 of festo_mpa reads -3276.7 kPa; expected no less than vacuum"));
+}
+
+TEST(ModbusReplies, AnExceptionIsABadReplyAndTheLinkLives) {
+  int asked = 0;
+  Answered device([&asked](const Bytes& request) {
+    return ++asked == 1 ? framed(request, {0x83, 2}) : framed(request, {3, 2, 0, 10});
+  });
+  const std::string error = refusal<BadReply>([&] { device.read(); });
+  EXPECT_TRUE(has(error, "festo_mpa gives no readings: Illegal data address; check the registers"));
+  EXPECT_EQ(device.read(), 1e3);
+}
+
 TEST(ModbusReplies, ThoseOfAnotherNumberOfRegistersOrToAnotherRequestAreBad) {
   for (const Bytes& rest : {Bytes{3, 4, 0, 10, 0, 10}, {3, 0}, {3, 2, 0, 10}}) {
     Answered device([&](const Bytes& request) {
@@ -343,6 +407,26 @@ TEST(ModbusReplies, WhatFollowsAReplyIsNotTakenForTheNextOne) {
   });
   EXPECT_EQ(endOf([&] { device.read(); }), End::kBadReply);
   EXPECT_EQ(device.read(), 1e3);
+}
+
+// A byte at a time, each of them within the timeout: it holds for all of them.
+TEST(ModbusReplies, BytesThatDripDoNotProlongTheTimeout) {
+  const Listener listener(1);
+  std::thread dripping([&listener] {
+    const int client = accept(listener.socket(), nullptr, nullptr);
+    char request[64];
+    recv(client, request, sizeof request, 0);
+    // The beginning of a frame that says it is long.
+    for (const char byte :
+         {0, 1, 0, 0, 0, 60, -1, 3, 57, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0}) {
+      if (send(client, &byte, 1, MSG_NOSIGNAL) != 1) break;
+      std::this_thread::sleep_for(std::chrono::duration<double>(0.8 * kPatience));
+    }
+    close(client);
+  });
+  EXPECT_LT(secondsOf([&] { EXPECT_NE(connectRefusal("127.0.0.1", listener.port()), "accepted"); }),
+            kBounded);
+  dripping.join();
 }
 
 }  // namespace

@@ -4,6 +4,7 @@
 #include <Eigen/Geometry>
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <vector>
 
 #include "helix_arm/statics/arm_model.hpp"
@@ -109,6 +110,8 @@ class WorkspaceExtremes {
 /// 1024 without load, 128 under load, 8 with the exact tier.
 ///
 /// @param sampled  extremes of sampled points of the same model; may be empty.
-WorkspaceExtremes findExtremes(const ArmModel& model, WorkspaceExtremes sampled);
+/// @param stop     once it returns true, the search ends with what it has found.
+WorkspaceExtremes findExtremes(const ArmModel& model, WorkspaceExtremes sampled,
+                               const std::function<bool()>& stop = {});
 
 }  // namespace helix_arm::statics

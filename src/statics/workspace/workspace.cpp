@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <functional>
 #include <limits>
 #include <random>
 #include <utility>
@@ -41,13 +42,14 @@ constexpr int kCorners = 1024, kLoadedCorners = 128, kExactCorners = 8;  // of t
 constexpr std::size_t kStarts = 8, kLoadedStarts = 4, kExactStarts = 1;  // the farthest
 constexpr double kFirstStep = 0.25;                                      // of a range
 constexpr double kLastStep = 1e-6, kLastLoadedStep = 1e-4, kLastExactStep = 0.05;
+constexpr double kLeastGain = 1e-9;  // of a step, in the arm's lengths
 
 /// Searches extremes among corners of the limits and sampled inputs, and from the farthest of these
 /// along one input at a time, with steps that are halved where none leads farther.
 class ExtremeSearch {
  public:
-  explicit ExtremeSearch(const ArmModel& model)
-      : model_(model), arm_(model.arm()), n_(model.arm().actuatorCount()) {
+  ExtremeSearch(const ArmModel& model, const std::function<bool()>& stop)
+      : model_(model), arm_(model.arm()), n_(model.arm().actuatorCount()), stop_(stop) {
     if (!takesLoad(model.choice().setting.tier)) return;
     const bool exact = model.choice().setting.tier == Tier::kExact;
     corners_ = exact ? kExactCorners : kLoadedCorners;
@@ -103,7 +105,7 @@ class ExtremeSearch {
 
   Extreme farthestFrom(Extreme here, int which) const {
     Eigen::VectorXd next = here.input;
-    for (double step = kFirstStep; step >= last_step_;) {
+    for (double step = kFirstStep; step >= last_step_ && !(stop_ && stop_());) {
       bool farther = false;
       for (int i = 0; i < n_; ++i) {
         const model::Range& limits = arm_.actuator(i).limits;
@@ -112,8 +114,8 @@ class ExtremeSearch {
           next[i] += side * step * (limits.upper - limits.lower);
           next[i] = std::min(std::max(next[i], limits.lower), limits.upper);
           const Tip tip = model_.tip(next);
-          if (!tip.converged() ||
-              !(WorkspaceExtremes::extent(which, tip.tip.translation) > extent(which, here))) {
+          if (!tip.converged() || !(WorkspaceExtremes::extent(which, tip.tip.translation) >
+                                    extent(which, here) + kLeastGain * arm_.restLength())) {
             continue;
           }
           here = {next, tip.tip.translation};
@@ -128,6 +130,7 @@ class ExtremeSearch {
   const ArmModel& model_;
   const model::Arm& arm_;
   int n_;
+  const std::function<bool()>& stop_;
   int corners_ = kCorners;
   std::size_t starts_ = kStarts;
   double last_step_ = kLastStep;
@@ -280,8 +283,9 @@ double WorkspaceExtremes::beyond(const WorkspaceExtremes& sampled) const {
 
 double WorkspaceExtremes::reach() const { return empty_ ? 0.0 : extent(6, found_[6].tip); }
 
-WorkspaceExtremes findExtremes(const ArmModel& model, WorkspaceExtremes sampled) {
-  return ExtremeSearch(model).from(std::move(sampled));
+WorkspaceExtremes findExtremes(const ArmModel& model, WorkspaceExtremes sampled,
+                               const std::function<bool()>& stop) {
+  return ExtremeSearch(model, stop).from(std::move(sampled));
 }
 
 }  // namespace helix_arm::statics
