@@ -58,7 +58,7 @@ void LinearisedReadings::evaluate(int capture, const Values& values, bool deriva
 CalibrationEquations::CalibrationEquations(const ParameterBlocks& blocks,
                                            const std::vector<ReadingTerm>& terms,
                                            ParameterBlock eliminated)
-    : blocks_(blocks), gradient_(blocks.columns()) {
+    : blocks_(blocks), gradient_(Eigen::VectorXd::Zero(blocks.columns())) {
   for (const ParameterBlocks::Block& block : blocks.all()) {
     if (block.kind == eliminated) {
       places_.push_back(-1 - static_cast<int>(eliminated_.size()));
@@ -68,7 +68,7 @@ CalibrationEquations::CalibrationEquations(const ParameterBlocks& blocks,
     places_.push_back(static_cast<int>(rest_.size()));
     for (int i = 0; i < block.size(); ++i) rest_.push_back(block.column + i);
   }
-  H_rest_.resize(rest_.size(), rest_.size());
+  H_rest_.setZero(rest_.size(), rest_.size());
   std::vector<std::set<int>> partners(eliminated_.size());
   for (const ReadingTerm& term : terms) {
     const auto own = std::find_if(term.blocks.begin(), term.blocks.end(),
@@ -83,8 +83,8 @@ CalibrationEquations::CalibrationEquations(const ParameterBlocks& blocks,
   for (std::size_t k = 0; k < eliminated_.size(); ++k) {
     Eliminated& one = eliminated_[k];
     one.at.assign(partners[k].begin(), partners[k].end());
-    one.own.resize(one.size, one.size);
-    one.cross.resize(one.size, static_cast<Eigen::Index>(one.at.size()));
+    one.own.setZero(one.size, one.size);
+    one.cross.setZero(one.size, static_cast<Eigen::Index>(one.at.size()));
   }
 }
 

@@ -244,18 +244,18 @@ Eigen::MatrixXd CalibrationProblem::information(double noise_scale, const Includ
 Eigen::MatrixXd CalibrationProblem::expectedInformation(const Eigen::VectorXd& pressure,
                                                         double noise_scale) {
   const Values& values = blocks_.values();
-  const int columns = blocks_.columns();
-  Eigen::MatrixXd H = Eigen::MatrixXd::Zero(columns, columns);
   const Place place = placeAt(shared_, 0, 0, pressure);
   const CaptureState state = stateAt(shared_, place, kind_, values, true);
-  if (!state.shape.found) return H;
+  if (!state.shape.found) return Eigen::MatrixXd::Zero(blocks_.columns(), blocks_.columns());
+  const std::vector<ReadingTerm> terms = expectedTerms(shared_, place, state, blocks_);
+  CalibrationEquations expected(blocks_, terms, ParameterBlock::kTag);
   Eigen::MatrixXd by_pieces, J;
   Eigen::VectorXd residual;
-  for (const ReadingTerm& term : expectedTerms(shared_, place, state, blocks_)) {
+  for (const ReadingTerm& term : terms) {
     if (!term.cost->evaluate(state, values, residual, &J, by_pieces)) continue;
-    addInformation(term, blocks_, J, 1 / (noise_scale * noise_scale), H);
+    expected.addTerm(term, J, residual, 1 / (noise_scale * noise_scale));
   }
-  return H;
+  return expected.hessian();
 }
 
 Eigen::VectorXd CalibrationProblem::priorInformation() const {

@@ -377,20 +377,4 @@ std::vector<ReadingTerm> expectedTerms(const Shared& shared, const Place& place,
   return terms;
 }
 
-void addInformation(const ReadingTerm& term, const ParameterBlocks& blocks,
-                    const Eigen::MatrixXd& J, double weight, Eigen::MatrixXd& H) {
-  const Eigen::MatrixXd square = weight * J.transpose() * J;
-  int i = 0;
-  for (const int row : term.blocks) {
-    const ParameterBlocks::Block& a = blocks.all()[row];
-    int j = 0;
-    for (const int column : term.blocks) {
-      const ParameterBlocks::Block& b = blocks.all()[column];
-      H.block(a.column, b.column, a.size(), b.size()) += square.block(i, j, a.size(), b.size());
-      j += b.size();
-    }
-    i += a.size();
-  }
-}
-
 }  // namespace helix_arm::estimation

@@ -221,10 +221,4 @@ CaptureState stateAt(Shared& shared, const Place& place, ReadingKind kind, const
 std::vector<ReadingTerm> expectedTerms(const Shared& shared, const Place& place,
                                        const CaptureState& state, const ParameterBlocks& blocks);
 
-/// Adds the weighted J'J of a term to that of all free parameters.
-///
-/// @param J  (residuals x columns).
-void addInformation(const ReadingTerm& term, const ParameterBlocks& blocks,
-                    const Eigen::MatrixXd& J, double weight, Eigen::MatrixXd& H);
-
 }  // namespace helix_arm::estimation

@@ -162,7 +162,10 @@ TEST(AtomicFile, AWriterKilledAtAnyMomentLeavesAWholeVersion) {
   for (const std::string& version : versions) writeFileAtomically(path, version);
   const std::chrono::duration<double> both = Clock::now() - start;
   test::Random random(17);
-  for (int kill = 0; kill < kills; ++kill) {
+  // Until one was killed while it wrote, too: a busy machine may start a writer late.
+  const auto deadline = start + std::chrono::seconds(60);
+  const auto leftBehind = [&folder] { return namesIn(folder.path()).size() > 1; };
+  for (int kill = 0; kill < kills || (!leftBehind() && Clock::now() < deadline); ++kill) {
     const pid_t writer = ::fork();
     ASSERT_GE(writer, 0);
     if (writer == 0) {
@@ -177,7 +180,7 @@ TEST(AtomicFile, AWriterKilledAtAnyMomentLeavesAWholeVersion) {
     ASSERT_TRUE(content == versions[0] || content == versions[1])
         << "after kill " << kill << " it holds " << content.size() << " bytes";
   }
-  EXPECT_GT(namesIn(folder.path()).size(), 1U) << "none was killed while it wrote";
+  EXPECT_TRUE(leftBehind()) << "none was killed while it wrote";
 }
 
 // From FIPS 180-2, appendix B, and NIST's vectors of the empty message.

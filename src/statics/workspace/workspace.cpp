@@ -104,13 +104,12 @@ class ExtremeSearch {
   }
 
   Extreme farthestFrom(Extreme here, int which) const {
-    Eigen::VectorXd next = here.input;
     for (double step = kFirstStep; step >= last_step_ && !(stop_ && stop_());) {
       bool farther = false;
       for (int i = 0; i < n_; ++i) {
         const model::Range& limits = arm_.actuator(i).limits;
         for (const double side : {-1.0, 1.0}) {
-          next = here.input;
+          Eigen::VectorXd next = here.input;
           next[i] += side * step * (limits.upper - limits.lower);
           next[i] = std::min(std::max(next[i], limits.lower), limits.upper);
           const Tip tip = model_.tip(next);
@@ -118,7 +117,7 @@ class ExtremeSearch {
                                     extent(which, here) + kLeastGain * arm_.restLength())) {
             continue;
           }
-          here = {next, tip.tip.translation};
+          here = {std::move(next), tip.tip.translation};
           farther = true;
         }
       }
