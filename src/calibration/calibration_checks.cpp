@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 
+#include "helix_arm/basics/text.hpp"
 #include "shape_model.hpp"
 
 namespace helix_arm::estimation {
@@ -146,11 +147,9 @@ std::string rigWords() {
   for (const FitParameterInfo& info : fitParameters()) {
     if (info.aboutRig()) words.emplace_back(info.word);
   }
-  std::string out;
-  for (std::size_t i = 0; i < words.size(); ++i) {
-    out += (i == 0 ? "" : i + 1 == words.size() ? " and " : ", ") + words[i];
-  }
-  return out;
+  const std::string last = words.back();
+  words.pop_back();
+  return basics::joined(words) + " and " + last;
 }
 
 // Why readings of this kind cannot determine the requested parameters.
@@ -290,10 +289,9 @@ const char* unitOf(ReadingKind kind) {
 }
 
 std::string pressureText(const Eigen::VectorXd& pressure) {
-  std::ostringstream out;
-  for (int i = 0; i < pressure.size(); ++i) out << (i == 0 ? "" : ", ") << pressure[i] / 1e3;
-  out << " kPa";
-  return out.str();
+  std::vector<std::string> parts;
+  for (const double one : pressure) parts.push_back(text(one / 1e3));
+  return basics::joined(parts) + " kPa";
 }
 
 const Reading& firstReading(const std::vector<ArmCaptures>& arms) {

@@ -1,15 +1,11 @@
 #include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
-#include <functional>
 #include <limits>
 #include <utility>
 
-#include "basics/least_squares.hpp"
 #include "helix_arm/basics/median.hpp"
-#include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/calibration/series_fit.hpp"
-#include "series_problem.hpp"
 
 namespace helix_arm::estimation {
 namespace {
@@ -152,138 +148,6 @@ Eigen::MatrixXd termsOf(const Eigen::MatrixXd& p, bool mixed) {
   return out;
 }
 
-// ---- Suspects ----
-
-constexpr double kLeastShare = 0.3;    // of what is beyond the cubic, that a suspect explains
-constexpr double kPriceOfSize = 0.03;  // of a suspect with a size that is fitted
-constexpr std::size_t kMostNamed = 5;
-constexpr Eigen::Index kFewRows = 400;
-constexpr int kMostChannels = 4;  // of arms whose gains and offsets are tried
-constexpr basics::DescentRules kRough{1e-2, 10.0, 1e6, 1e-3, 0.0, 12};
-
-// RMS error of a short fit, with orientations as lengths [m].
-double roughError(const SeriesPrior& prior, const TipSeries& series, const SeriesOptions& options) {
-  const double lever = options.arm.rotation_noise > 0
-                           ? options.arm.position_noise / options.arm.rotation_noise
-                           : 0.5 * prior.model.arm().restLength();
-  const SeriesRecording recording(prior.model.arm(), series, kFewRows, lever);
-  SeriesForm form;
-  form.lag = options.response;
-  SeriesProblem problem(prior, recording, options, form, prior.X_BF.inverse());
-  const Eigen::VectorXd start = Eigen::VectorXd::Zero(problem.size());
-  const SeriesEstimate found = basics::descend(problem, problem.at(start), kRough).at;
-  const Eigen::MatrixXd deviation = problem.deviationAt(found.z);
-  return std::sqrt(deviation.squaredNorm() / static_cast<double>(deviation.rows()));
-}
-
-// One mistake of a recording.
-struct Mistake {
-  std::string cause, where, remedy;
-  std::function<void(TipSeries&)> correct;
-  double price = 0.0;
-};
-
-void addExchanges(const model::Arm& arm, std::vector<Mistake>& out) {
-  const auto add = [&out](std::vector<Eigen::Index> from, const std::string& where) {
-    out.push_back({"channels_exchanged", where,
-                   "exchange the columns of the pressures, or the hoses at the regulator",
-                   [from = std::move(from)](TipSeries& series) {
-                     series.history.input = series.history.input(Eigen::all, from).eval();
-                   }});
-  };
-  std::vector<Eigen::Index> same(static_cast<std::size_t>(arm.actuatorCount()));
-  for (std::size_t i = 0; i < same.size(); ++i) same[i] = static_cast<Eigen::Index>(i);
-  for (int i = 0; i < arm.actuatorCount(); ++i) {
-    for (int j = i + 1; j < arm.actuatorCount(); ++j) {
-      std::vector<Eigen::Index> from = same;
-      std::swap(from[static_cast<std::size_t>(i)], from[static_cast<std::size_t>(j)]);
-      add(std::move(from), arm.actuator(i).name + " and " + arm.actuator(j).name);
-    }
-  }
-  for (int k = 0; k + 1 < arm.sectionCount(); ++k) {
-    const int first = arm.firstActuator(k), next = arm.firstActuator(k + 1);
-    if (arm.firstActuator(k + 2) - next != next - first) continue;
-    std::vector<Eigen::Index> from = same;
-    for (int i = first; i < next; ++i) {
-      std::swap(from[static_cast<std::size_t>(i)],
-                from[static_cast<std::size_t>(i + next - first)]);
-    }
-    add(std::move(from), basics::messageOf("sections ", k + 1, " and ", k + 2));
-  }
-}
-
-void addUnits(std::vector<Mistake>& out) {
-  const struct {
-    const char* where;
-    double factor;
-  } units[] = {{"psi under a header of kPa", 6.894757},
-               {"kPa under a header of psi", 1 / 6.894757},
-               {"bar under a header of kPa", 100},
-               {"mbar under a header of kPa", 0.1},
-               {"Pa under a header of kPa", 1e-3}};
-  for (const auto& [where, factor] : units) {
-    out.push_back({"pressure_unit", where, "convert the pressures to kPa",
-                   [factor = factor](TipSeries& series) { series.history.input *= factor; }});
-  }
-}
-
-void addGains(const model::Arm& arm, std::vector<Mistake>& out) {
-  if (arm.actuatorCount() > kMostChannels) return;
-  for (int i = 0; i < arm.actuatorCount(); ++i) {
-    const std::string& name = arm.actuator(i).name;
-    for (const double gain : {0.0, 0.5, 0.7, 1.4, 2.0}) {
-      const bool dead = gain == 0;
-      out.push_back(
-          {dead ? "channel_dead" : "pressure_gain", name,
-           dead ? "the muscle does not move with its pressure: look for a closed valve or "
-                  "a loose hose"
-                : basics::messageOf("the pressure in the muscle is about ", 100 * gain,
-                                    " % of what is read: look for a leak, and check the "
-                                    "scale of the sensor"),
-           [i, gain](TipSeries& series) { series.history.input.col(i) *= gain; }, kPriceOfSize});
-    }
-    const double range = arm.actuator(i).limits.upper;
-    for (const double part : {-0.3, -0.15, 0.15, 0.3}) {
-      const double offset = part * range;
-      out.push_back(
-          {"pressure_offset", name,
-           basics::messageOf("the pressure in the muscle is about ",
-                             std::round(std::abs(offset) / 1e3), " kPa ",
-                             offset > 0 ? "above" : "below",
-                             " what is read: zero the sensor with the muscle vented"),
-           [i, offset](TipSeries& series) { series.history.input.col(i).array() += offset; },
-           kPriceOfSize});
-    }
-  }
-}
-
-void addFrames(const TipSeries& series, std::vector<Mistake>& out) {
-  out.push_back({"tip_mirrored", "the frame of the positions",
-                 "the frame is left-handed, or the muscles lie on the other side: turn the sign of "
-                 "one axis in the recording",
-                 [](TipSeries& one) {
-                   one.position.col(1) *= -1;
-                   const Eigen::Matrix3d M = Eigen::Vector3d(1, -1, 1).asDiagonal();
-                   for (Eigen::Matrix3d& R : one.rotation) R = M * R * M;
-                 }});
-  if (!series.rotation.empty()) {
-    out.push_back({"quaternion_order", "qx, qy, qz, qw",
-                   "the recording has w first: exchange the names of its columns",
-                   [](TipSeries& one) {
-                     for (Eigen::Matrix3d& R : one.rotation) {
-                       const Eigen::Quaterniond q(R);
-                       R = Eigen::Quaterniond(q.x(), q.y(), q.z(), q.w()).toRotationMatrix();
-                     }
-                   }});
-  }
-  if (!series.history.time.empty()) {
-    out.push_back({"time_unit", "time_s", "the times are in milliseconds: convert them to seconds",
-                   [](TipSeries& one) {
-                     for (double& time : one.history.time) time *= 1e-3;
-                   }});
-  }
-}
-
 }  // namespace
 
 SeriesFaults faultyRows(const TipSeries& series) {
@@ -326,48 +190,6 @@ double cubicError(const TipSeries& series) {
     least = std::min(least, std::sqrt(square / freedom));
   }
   return least;
-}
-
-std::vector<SeriesSuspect> suspectsOf(const SeriesPrior& prior, const TipSeries& series,
-                                      const SeriesOptions& options) {
-  const double noise = cubicError(series), before = roughError(prior, series, options);
-  const double excess = before * before - noise * noise;
-  if (!(excess > 0)) return {};
-  std::vector<Mistake> mistakes;
-  addExchanges(prior.model.arm(), mistakes);
-  addUnits(mistakes);
-  addGains(prior.model.arm(), mistakes);
-  addFrames(series, mistakes);
-  std::vector<SeriesSuspect> out;
-  std::vector<double> order;
-  const auto consider = [&](const Mistake& one, TipSeries corrected, double error) {
-    const double explains = std::clamp((before * before - error * error) / excess, 0.0, 1.0);
-    if (!(explains - one.price >= kLeastShare)) return;
-    const auto at = std::upper_bound(order.begin(), order.end(), -(explains - one.price));
-    out.insert(out.begin() + (at - order.begin()),
-               {{one.cause, one.where, explains, one.remedy, {}, {}}, std::move(corrected)});
-    order.insert(at, -(explains - one.price));
-  };
-  for (const Mistake& one : mistakes) {
-    TipSeries corrected = series;
-    one.correct(corrected);
-    const double error = roughError(prior, corrected, options);
-    consider(one, std::move(corrected), error);
-  }
-  if (!options.arm.base) {
-    SeriesOptions free = options;
-    free.arm.base = true;
-    const SeriesFit found = fitSeries(prior, series, free);
-    if (found.failure.empty()) {
-      consider({"frame_of_positions",
-                "all positions",
-                "the positions are seen from another frame than the scene's: fit base as well",
-                {}},
-               {}, found.rms);
-    }
-  }
-  if (out.size() > kMostNamed) out.resize(kMostNamed);
-  return out;
 }
 
 }  // namespace helix_arm::estimation

@@ -548,10 +548,9 @@ class CalibrationJob {
     if (request_.errors && !fitsCurve()) {
       outcome_.suspects = estimation::suspectsOf(outcome_.arms, options);
     }
-    return applySuspect("captures give", "captures", [this](std::size_t chosen) {
-      const auto& corrected = outcome_.suspects[chosen].corrected;
-      if (corrected.empty()) return false;
-      outcome_.arms = corrected;
+    return applySuspect("captures give", "captures", [this](const estimation::Suspect& chosen) {
+      if (chosen.corrected.empty()) return false;
+      outcome_.arms = chosen.corrected;
       captures_ = outcome_.arms.front().captures;
       return true;
     });
@@ -560,7 +559,7 @@ class CalibrationJob {
   // Warns of the suspects, or corrects the one that is asked for.
   // @param correct  of the chosen one: false if it is not one of the data.
   Refusal applySuspect(const char* who_gives, const char* data,
-                       const std::function<bool(std::size_t)>& correct) {
+                       const std::function<bool(const estimation::Suspect&)>& correct) {
     const int asked = request_.apply_suspect, count = static_cast<int>(outcome_.suspects.size());
     if (asked == 0) {
       warn(textsOf(outcome_.suspects));
@@ -570,9 +569,8 @@ class CalibrationJob {
       return basics::messageOf("suspect ", asked, " is not among the ", count, " that the ",
                                who_gives, "; leave it out to see them");
     }
-    const auto chosen = static_cast<std::size_t>(asked - 1);
-    const estimation::Suspect suspect = outcome_.suspects[chosen];
-    if (!correct(chosen)) {
+    const estimation::Suspect& suspect = outcome_.suspects[static_cast<std::size_t>(asked - 1)];
+    if (!correct(suspect)) {
       return basics::messageOf("suspect ", asked, ", ", suspect.cause, ", is not of the ", data,
                                ": ", suspect.remedy);
     }
@@ -720,12 +718,12 @@ class CalibrationJob {
     estimation::SeriesFit& fit = *outcome_.series;
     const bool sound = fit.failure.empty() && fit.rms <= kAsNoise * fit.baseline_rms &&
                        !(fit.rms_turn > kMostTurn);
-    std::vector<estimation::SeriesSuspect> found;
-    if (request_.errors && !sound) found = estimation::suspectsOf(prior, tips, options);
-    for (const estimation::SeriesSuspect& one : found) outcome_.suspects.push_back(one.suspect);
-    return applySuspect("series gives", "recording", [&](std::size_t chosen) {
-      if (found[chosen].corrected.position.rows() == 0) return false;
-      tips = std::move(found[chosen].corrected);
+    if (request_.errors && !sound) {
+      outcome_.suspects = estimation::suspectsOf(prior, tips, options);
+    }
+    return applySuspect("series gives", "recording", [&](const estimation::Suspect& chosen) {
+      if (!chosen.corrected_series) return false;
+      tips = *chosen.corrected_series;
       fit = estimation::fitSeries(prior, tips, options);
       return true;
     });

@@ -150,19 +150,20 @@ std::vector<WalkedChannel> channelsOf(const io::Scene& scene, const std::vector<
 
 std::vector<WalkedSensor> sensorsOf(const io::Scene& scene, const std::vector<Capture>& captures,
                                     const Eigen::MatrixXd& plan) {
+  Eigen::MatrixXd measured(plan.rows(), plan.cols());
+  for (Eigen::Index step = 0; step < plan.rows(); ++step) {
+    measured.row(step) = captures[static_cast<std::size_t>(step)].pressure;
+  }
+  // By least squares over the steps, on the commanded pressures of all actuators.
+  const Eigen::MatrixXd about = plan.rowwise() - plan.colwise().mean();
+  const Eigen::MatrixXd gains = about.colPivHouseholderQr().solve(measured);
   std::vector<WalkedSensor> out;
   for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
-    Eigen::VectorXd measured(plan.rows());
-    for (Eigen::Index step = 0; step < plan.rows(); ++step) {
-      measured[step] = captures[static_cast<std::size_t>(step)].pressure[i];
-    }
-    // By least squares over the steps, on the commanded pressures of all actuators.
-    const Eigen::MatrixXd about = plan.rowwise() - plan.colwise().mean();
-    const Eigen::VectorXd gains = about.colPivHouseholderQr().solve(measured);
     Eigen::Index most = 0;
-    const bool reads = gains.cwiseAbs().maxCoeff(&most) >= kMostGain;
-    const double gain = gains[i];
-    const double offset = measured.mean() - plan(0, i) - gain * (plan.col(i).mean() - plan(0, i));
+    const bool reads = gains.col(i).cwiseAbs().maxCoeff(&most) >= kMostGain;
+    const double gain = gains(i, i);
+    const double offset =
+        measured.col(i).mean() - plan(0, i) - gain * (plan.col(i).mean() - plan(0, i));
     out.push_back({scene.arm.actuator(i).name, gain, offset,
                    !reads                           ? "no_reading"
                    : most != i                      ? "reads_as"
@@ -385,7 +386,7 @@ Correction correct(const std::string& path, const std::vector<io::Override>& ove
     return {"", "no scene can say it: " + basics::joined(found.findings, "; ")};
   }
   const Suspect one = by_direction
-                          ? Suspect{"channels_exchanged", "", 1, "", {}, {}}
+                          ? Suspect{"channels_exchanged", "", 1, ""}
                           : found.suspects[static_cast<std::size_t>(std::max(suspect, 1) - 1)];
   const auto calibrated = [&](const std::vector<std::string>& words) {
     return runCalibration(path, overrides, requestOf(words), data);

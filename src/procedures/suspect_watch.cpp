@@ -53,7 +53,7 @@ std::optional<Eigen::MatrixXd> spreadOf(const estimation::ArmFilter& nominal,
   return kSound * kSound * out;
 }
 
-// Whether a suspect is one of the pressures, and changes them by more than sound muscles differ.
+// Whether it is one of the pressures, and changes them by more than sound muscles differ.
 bool isMistake(const estimation::Suspect& suspect, const estimation::ArmCaptures& arm) {
   if (suspect.corrected.empty()) return false;
   Eigen::VectorXd change = Eigen::VectorXd::Zero(arm.arm.actuatorCount()), all = change;
@@ -78,13 +78,11 @@ std::vector<estimation::Suspect> suspectsIn(
   }
   estimation::CalibrationOptions options;
   options.stiffness_prior = stiffness_deviation;
-  std::vector<estimation::Suspect> found,
-      all = estimation::suspectsOf({arm}, options, [&stop] { return stop.load(); });
-  for (estimation::Suspect& one : all) {
-    if (!isMistake(one, arm)) continue;
-    one.corrected.clear();
-    found.push_back(std::move(one));
-  }
+  std::vector<estimation::Suspect> found =
+      estimation::suspectsOf({arm}, options, [&stop] { return stop.load(); });
+  found.erase(std::remove_if(found.begin(), found.end(),
+                             [&arm](const auto& one) { return !isMistake(one, arm); }),
+              found.end());
   return found;
 }
 
@@ -121,8 +119,7 @@ bool SuspectWatch::see(follow::VisualServo& loop, const estimation::Observation&
 void SuspectWatch::note(const follow::VisualServo& loop) {
   const estimation::ArmFilter::Input& picture = loop.seen();
   const bool changed = loop.load().contact || loop.drift().doubtful;
-  // A change in a sound arm, as a muscle that loses its hose, shows in later captures
-  // alone.
+  // A change in a sound arm, as a muscle that loses its hose, shows in later captures alone.
   if (changed && !changed_ && sound_) {
     kept_.clear();
     sound_ = false;
@@ -177,7 +174,7 @@ void SuspectWatch::search() {
 estimation::Suspect suspectOf(const estimation::BaseMove& move) {
   // The share of the square of its distance from where it should be: all but what chance explains.
   const double by_chance = 6.0 / (move.deviations * move.deviations);
-  return {"camera_moved", "the camera or the base", 1.0 - by_chance, move.message(), {}, {}};
+  return {"camera_moved", "the camera or the base", 1.0 - by_chance, move.message()};
 }
 
 }  // namespace helix_arm::procedures

@@ -6,7 +6,6 @@
 #include <vector>
 
 #include "helix_arm/calibration/calibration.hpp"
-#include "helix_arm/calibration/suspects.hpp"
 #include "helix_arm/lie/se3.hpp"
 #include "helix_arm/model/arm_response.hpp"
 #include "helix_arm/model/response.hpp"
@@ -133,19 +132,6 @@ SeriesFaults faultyRows(const TipSeries& series);
 /// to the same rows: as near as a model comes that knows nothing of arms, so that it tells the
 /// noise of a recording. NaN without positions or pressures [m].
 double cubicError(const TipSeries& series);
-
-/// A usual mistake of a recording that explains why the arm does not fit it.
-struct SeriesSuspect {
-  /// Its cause may also be tip_mirrored, quaternion_order, time_unit or frame_of_positions.
-  /// `explains` is of the mean square beyond cubicError(). Its own `corrected` is empty.
-  Suspect suspect;
-  TipSeries corrected;  ///< without the mistake; empty if that takes another fit
-};
-
-/// Tries the usual mistakes of a recording with short fits of the requested numbers, and names at
-/// most 5 that explain 0.3 or more, best first.
-std::vector<SeriesSuspect> suspectsOf(const SeriesPrior& prior, const TipSeries& series,
-                                      const SeriesOptions& options);
 
 /// The model, with the responses of its actuators, against a series. Where it finds no shape under
 /// its load, the deviation is NaN.

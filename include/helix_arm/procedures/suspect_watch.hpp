@@ -17,9 +17,10 @@ namespace helix_arm::procedures {
 /// Names the usual mistakes of a rig while its loop runs: exchanged channels, a muscle that leaks
 /// or gets no pressure.
 ///
-/// Keeps captures of the loop's pictures, spread over the pressures, and looks for suspects once
-/// they are farther from the scene's model than stiffness, lengths and strokes of a sound arm
-/// leave reason for. While there are suspects, the loop distrusts its model.
+/// Keeps captures of the loop's pictures, spread over the pressures, and tries the fault hypotheses
+/// of estimation::suspectsOf() on them: those of the pressures that change them by more than
+/// stiffness, lengths and strokes of a sound arm do. While any explains them, the loop distrusts
+/// its model.
 ///
 ///     if (watch.see(loop, loop.picture(..))) show(textsOf(watch.suspects()));
 class SuspectWatch {
@@ -41,7 +42,6 @@ class SuspectWatch {
   bool isSound() const { return sound_; }
 
  private:
-  using Pictures = std::vector<estimation::ArmFilter::Input>;
   void note(const follow::VisualServo& loop);
   bool isStill(double time, const Eigen::VectorXd& pressure);
   void keep(const estimation::ArmFilter::Input& picture);
@@ -50,9 +50,9 @@ class SuspectWatch {
 
   estimation::ArmCaptures arm_;  // without captures
   statics::ArmModel model_;
-  estimation::ArmFilterOptions expected_;  // how a sound arm may differ from the scene
-  Eigen::VectorXd range_;                  // of the pressures (n) [Pa]
-  Pictures kept_;                          // by ascending time
+  estimation::ArmFilterOptions expected_;           // how a sound arm may differ from the scene
+  Eigen::VectorXd range_;                           // of the pressures (n) [Pa]
+  std::vector<estimation::ArmFilter::Input> kept_;  // by ascending time
   Eigen::VectorXd held_;
   double held_since_ = 0.0, searched_at_ = 0.0;  // [s]
   int new_ = 0;                                  // captures since the last search
