@@ -12,15 +12,6 @@
 namespace helix_arm::ros_bridge {
 namespace {
 
-TEST(Conversions, PosesSurviveTheRoundTrip) {
-  for (int i = 0; i < 200; ++i) {
-    const lie::Vector6 xi = 3.0 * lie::Vector6::Random();
-    const lie::SE3 X = lie::SE3::exp(xi), back = fromMsg(toPoseMsg(X));
-    EXPECT_EQ(back.translation, X.translation);
-    EXPECT_LT((back.rotation - X.rotation).norm(), 1e-14);
-  }
-}
-
 // A quarter turn about z takes x to y: (0, 0, sin 45, cos 45) in the message's order x, y, z, w.
 TEST(Conversions, QuaternionsAreInTheOrderOfTheMessage) {
   const lie::SE3 X = lie::SE3::exp((lie::Vector6() << 0, 0, 0, 0, 0, M_PI / 2).finished());
@@ -81,23 +72,6 @@ TEST(Conversions, AShapeIsReadWithTheLinksOfItsArm) {
   ASSERT_TRUE(std::holds_alternative<model::Shape>(checked));
   const lie::SE3 tip = model::tipPose(std::get<model::Shape>(checked));
   EXPECT_LT((tip.translation - model::tipPose(shape).translation).norm(), 1e-14);
-}
-
-TEST(Conversions, ASenderThatKnowsOfNoPiecesIsUnderstood) {
-  const model::Twists twists = unevenShape().twists();
-  ArmShape msg = toShapeMsg({}, "linear", twists);
-  EXPECT_EQ(msg.pieces, 1U);
-  EXPECT_TRUE(msg.piece_twist.empty());
-  EXPECT_TRUE(msg.tier_reason.empty());
-  EXPECT_EQ(std::get<model::Twists>(control::checkTwists(2, msg.twist)), twists);
-  EXPECT_EQ(msg.twist[6 * 1 + 2], twists(2, 1)) << "section by section";
-  for (const std::uint32_t pieces : {1U, 0U}) {
-    msg.pieces = pieces;
-    const auto checked = fromMsg(msg, test::sampleArm(2), "arm_base");
-    ASSERT_TRUE(std::holds_alternative<model::Shape>(checked)) << pieces;
-    EXPECT_EQ(std::get<model::Shape>(checked).pieces(), twists);
-    EXPECT_EQ(std::get<model::Shape>(checked).piecesPerSection(), 1);
-  }
 }
 
 TEST(Conversions, PiecesThatMakeNoShapeAreRefused) {
