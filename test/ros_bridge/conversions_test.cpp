@@ -12,6 +12,15 @@
 namespace helix_arm::ros_bridge {
 namespace {
 
+TEST(Conversions, PosesSurviveTheRoundTrip) {
+  for (int i = 0; i < 200; ++i) {
+    const lie::Vector6 xi = 3.0 * lie::Vector6::Random();
+    const lie::SE3 X = lie::SE3::exp(xi), back = fromMsg(toPoseMsg(X));
+    EXPECT_EQ(back.translation, X.translation);
+    EXPECT_LT((back.rotation - X.rotation).norm(), 1e-14);
+  }
+}
+
 // A quarter turn about z takes x to y: (0, 0, sin 45, cos 45) in the message's order x, y, z, w.
 TEST(Conversions, QuaternionsAreInTheOrderOfTheMessage) {
   const lie::SE3 X = lie::SE3::exp((lie::Vector6() << 0, 0, 0, 0, 0, M_PI / 2).finished());
