@@ -17,9 +17,9 @@
 #include "helix_arm/procedures/captures.hpp"
 #include "helix_arm/procedures/follow_run.hpp"
 #include "helix_arm/procedures/pressure_plan.hpp"
-#include "support/ideal_rig.hpp"
 #include "support/random.hpp"
 #include "support/rig_captures.hpp"
+#include "support/shipped_scene.hpp"
 #include "support/test_size.hpp"
 
 namespace helix_arm {
@@ -28,14 +28,9 @@ namespace {
 using control::TipShape;
 using procedures::FollowPlan;
 using procedures::FollowResult;
+using test::demo;
 
 constexpr double kMm = 1e3;
-
-const std::string kDemo = std::string(HELIX_ARM_SOURCE_DIR) + "/config/scenes/demo.yaml";
-
-io::Scene demo(const std::vector<io::Override>& changes = {}) {
-  return io::loadScene(kDemo, changes);
-}
 
 // Tips that an arm reaches at random pressures.
 std::vector<Eigen::Vector3d> randomTips(const statics::ArmModel& model, int count, unsigned seed) {
@@ -379,10 +374,9 @@ TEST(ClosedLoop, SoftHangingArmsWithALoadToldWrong) {
   for (const double K_eps :
        test::isFullSize() ? std::vector{30.0, 60.0, 120.0} : std::vector{30.0}) {
     const auto hanging = [K_eps](double mass) {
-      return io::loadScene(std::string(HELIX_ARM_SOURCE_DIR) + "/config/scenes/loaded.yaml",
-                           {{"arm.stiffness.K_eps_n", std::to_string(K_eps)},
-                            {"load.mass_kg", std::to_string(mass)},
-                            {"simulation.arm", "{}"}});
+      return test::shippedScene("loaded", {{"arm.stiffness.K_eps_n", std::to_string(K_eps)},
+                                           {"load.mass_kg", std::to_string(mass)},
+                                           {"simulation.arm", "{}"}});
     };
     const io::Scene scene = hanging(0.405), rig = hanging(0.45);
     test::Random random(3);
@@ -461,19 +455,6 @@ TEST(ClosedLoop, ATurnOfTheCircleWithoutPictures) {
   EXPECT_LE(rms, 0.0015);
 }
 
-TEST(ClosedLoop, NothingWindsUpOutOfReach) {
-  const io::Scene scene = demo();
-  FollowPlan plan;
-  const std::vector<Eigen::Vector3d> tips = randomTips(scene.model, 2, 5);
-  plan.tips = {tips[0], 1.5 * tips[1], tips[1]};
-  plan.seconds = 12;
-  const FollowResult result = run(scene, plan);
-  ASSERT_EQ(result.figures.unreachable, (std::vector<bool>{false, true, false}));
-  std::printf("[  FIGURE  ] 4 s out of reach: the next tip settles after %.2f s\n",
-              result.figures.settle[2].value_or(INFINITY));
-  EXPECT_LE(result.figures.settle[2].value_or(INFINITY), 1.0);
-}
-
 TEST(ClosedLoop, TipsFromRenderedPictures) {
   const io::Scene scene = demo();
   FollowPlan plan = steps(scene, test::draws(2, 4), 3);
@@ -546,7 +527,7 @@ io::Scene calibratedOn(const io::Scene& rig, const std::vector<int>& hidden) {
   procedures::CalibrationRequest request;
   request.date = "2026-01-31T12:00:00Z";
   request.fit = {"stiffness", "length_scale", "placement"};
-  const auto outcome = procedures::runCalibration(kDemo, {}, request, data);
+  const auto outcome = procedures::runCalibration(test::shippedPath("demo"), {}, request, data);
   EXPECT_TRUE(outcome.success) << outcome.message;
   return io::sceneOfText(outcome.scene_text, "calibrated.yaml");
 }

@@ -10,8 +10,8 @@
 
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/procedures/follow_run.hpp"
-#include "support/ideal_rig.hpp"
 #include "support/random.hpp"
+#include "support/shipped_scene.hpp"
 #include "support/test_size.hpp"
 
 namespace helix_arm {
@@ -26,7 +26,7 @@ constexpr double kLeastScore = 16.0;  // of what nearly is an alarm
 
 io::Scene demo(std::vector<io::Override> changes = {}) {
   changes.push_back({"simulation.arm.K_eps_scale", "0.9"});
-  return io::loadScene(std::string(HELIX_ARM_SOURCE_DIR) + "/config/scenes/demo.yaml", changes);
+  return test::demo(changes);
 }
 
 io::Scene arm(std::vector<io::Override> changes = {}) {
@@ -170,10 +170,9 @@ TEST(Contact, AForceOnASoftHangingArmIsKnown) {
   for (const auto& one : cases) {
     if (!one.by_default && !test::isFullSize()) continue;
     const io::Scene scene =
-        io::loadScene(std::string(HELIX_ARM_SOURCE_DIR) + "/config/scenes/loaded.yaml",
-                      {{"arm.stiffness.K_eps_n", std::to_string(one.K_eps)},
-                       {"load.mass_kg", "0.45"},
-                       {"simulation.arm", "{}"}});
+        test::shippedScene("loaded", {{"arm.stiffness.K_eps_n", std::to_string(one.K_eps)},
+                                      {"load.mass_kg", "0.45"},
+                                      {"simulation.arm", "{}"}});
     FollowPlan plan;
     plan.tips = {{0.36, 0.03, 0.02}, {0.36, -0.02, 0.03}};
     plan.seconds = kTouched + 5.5;

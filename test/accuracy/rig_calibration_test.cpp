@@ -22,10 +22,10 @@
 #include "helix_arm/procedures/settle_watch.hpp"
 #include "helix_arm/simulation/rig.hpp"
 #include "helix_arm/simulation/simulated_vision.hpp"
-#include "support/ideal_rig.hpp"
 #include "support/random.hpp"
 #include "support/rig_captures.hpp"
 #include "support/sample_rig.hpp"
+#include "support/shipped_scene.hpp"
 #include "support/test_size.hpp"
 
 namespace helix_arm {
@@ -137,7 +137,7 @@ double tipError2(const io::Scene& scene, const Rig& rig, const Calibration* foun
 }
 
 TEST(RigCalibration, ParametersAreWithinTheirErrorsAndTheTipComesThreeTimesCloser) {
-  const io::Scene scene = io::loadScene(HELIX_ARM_SOURCE_DIR "/config/scenes/demo.yaml");
+  const io::Scene scene = test::demo();
   estimation::CalibrationOptions options;
   options.base = options.tags = options.border_shift = true;
   options.length_scale = estimation::LengthScaling::kCommon;
@@ -199,7 +199,6 @@ TEST(RigCalibration, ParametersAreWithinTheirErrorsAndTheTipComesThreeTimesClose
 // On a simulated rig whose actuators lag and rub, without ROS: regulators with lag and noise, tags
 // with noise, pictures that arrive late.
 
-const std::string kScene = HELIX_ARM_SOURCE_DIR "/config/scenes/demo.yaml";
 constexpr double kStep = 0.01;        // of time [s]
 constexpr int kPicture = 3;           // steps from picture to picture
 constexpr double kLatency = 0.06;     // of a picture [s]
@@ -324,7 +323,7 @@ procedures::CalibrationOutcome calibrate(const procedures::CalibrationData& data
   procedures::CalibrationRequest request;
   request.fit = fit;
   request.date = "2026-01-01T00:00:00Z";
-  return procedures::runCalibration(kScene, {}, request, data);
+  return procedures::runCalibration(test::shippedPath("demo"), {}, request, data);
 }
 
 // RMS distance of the tip that a scene predicts from the true one, through a round trip [m].
@@ -354,7 +353,7 @@ double cycleError(const io::Scene& predicted, const io::Scene& scene) {
 
 TEST(LoopCalibration, FindsLagAndPlayAndPredictsTheTipThroughACycle) {
   // All that the fit cannot describe is left out.
-  const io::Scene scene = io::loadScene(kScene, {test::kIdealRig});
+  const io::Scene scene = test::demo({test::kIdealRig});
   const Recorded up = record(scene, false), loop = record(scene, true);
 
   // Up against down at the same pressures.
@@ -377,7 +376,7 @@ TEST(LoopCalibration, FindsLagAndPlayAndPredictsTheTipThroughACycle) {
   ASSERT_TRUE(measured.success) << measured.message;
 
   const auto errorOf = [&](const procedures::CalibrationOutcome& outcome) {
-    return cycleError(io::sceneOfText(outcome.scene_text, kScene), scene);
+    return cycleError(io::sceneOfText(outcome.scene_text, "calibrated.yaml"), scene);
   };
   const double before = cycleError(scene, scene), static_error = errorOf(without),
                error = errorOf(with), static_pressures = errorOf(measured);

@@ -1,6 +1,5 @@
 // Time from a target to its arrival in the regulator, through safety core, I/O thread and line, for
-// each kind of emulated device, compared with the bare exchange on the same line. Prints p50 and
-// p99.
+// each kind of emulated device. Prints p50 and p99.
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>
@@ -76,24 +75,6 @@ Times pathTimes(EmulatedRegulator& device) {
   return quantiles(std::move(seconds));
 }
 
-// The driver alone, without safety core and thread.
-Times driverTimes(EmulatedRegulator& device) {
-  const io::Scene scene = io::loadScene(device.scene());
-  const auto driver = regulator::makeDriver(*scene.regulator, EmulatedRegulator::kChannels);
-  driver->connect();
-  control::ValveOrders orders(EmulatedRegulator::kChannels);
-  orders.valve.assign(orders.valve.size(), control::Valve::kRegulate);
-  std::vector<double> seconds;
-  for (int i = -kWarmUp; i < kTargets; ++i) {
-    orders.set_point.setConstant(setPointOf(i));
-    const double sent = steadyNow();
-    driver->write(orders);
-    if (i >= 0) seconds.push_back(device.lastSetTime() - sent);
-  }
-  driver->vent();
-  return quantiles(std::move(seconds));
-}
-
 void tell(const char* what, const Times& times) {
   std::printf("%-64s p50 %6.0f us, p99 %6.0f us\n", what, times.p50, times.p99);
 }
@@ -107,7 +88,5 @@ int main() {
               kTargets, 1e3 / kRate);
   EmulatedRegulator serial(Line::kSerial), modbus(Line::kModbus);
   tell("ascii_serial generic on a pseudo terminal, three lines", pathTimes(serial));
-  tell("  its driver alone", driverTimes(serial));
   tell("modbus_tcp festo_vtem on loopback, one request", pathTimes(modbus));
-  tell("  its driver alone", driverTimes(modbus));
 }

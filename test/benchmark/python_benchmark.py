@@ -1,12 +1,11 @@
 #!/usr/bin/env python3
 """The Python package beside the batch in C++ and beside the same model written in NumPy and, where python3-torch is installed, in
-PyTorch, in the same run; medians of processor time, except for several threads.
+PyTorch, in the same run; medians of processor time.
 
 usage: python_benchmark.py --batch KINEMATICS_BENCHMARK
 """
 import argparse
 import json
-import os
 import pathlib
 import statistics
 import subprocess
@@ -32,13 +31,13 @@ BATCH_ROWS = 10_000
 DERIVATIVE_ROWS = 20_000
 
 
-def median_s(function, repeats=9, clock=time.thread_time):
+def median_s(function, repeats=9):
     """Processor time of this thread, which other programs on the machine disturb least."""
     times = []
     for _ in range(repeats):
-        begin = clock()
+        begin = time.thread_time()
         function()
-        times.append(clock() - begin)
+        times.append(time.thread_time() - begin)
     return statistics.median(times)
 
 
@@ -86,19 +85,15 @@ def main():
     scene = helix_arm.Scene.load("helical_50")
     by_hand = numpy_model.helical()
     rows = np.random.default_rng(1).uniform(0, scene.limits_pa[0, 1], (ROWS, 3))
-    columns = np.asfortranarray(rows)
     out = np.empty((ROWS, 3))
     np.testing.assert_allclose(scene.tips(rows[:100]), by_hand.tips(rows[:100]), atol=1e-10)
 
-    turns = [(cpp_batch_s(program), median_s(lambda: scene.tips(rows, out=out)), median_s(lambda: scene.tips(rows)),
-              median_s(lambda: scene.tips(columns, out=out))) for _ in range(TURNS)]
-    cpp, into, new, by_columns = (statistics.median(column) for column in zip(*turns))
-    ratio = [statistics.median(turn[i] / turn[0] for turn in turns) for i in range(4)]
+    turns = [(cpp_batch_s(program), median_s(lambda: scene.tips(rows, out=out))) for _ in range(TURNS)]
+    cpp, into = (statistics.median(column) for column in zip(*turns))
+    ratio = statistics.median(ours / reference for reference, ours in turns)
     numpy_s = median_s(lambda: by_hand.tips(rows), 3)
     print(f"{'batch of 1e6 pressures to tips, one thread':<58} ns per row   to C++")
-    for name, seconds, part in [("C++, columns to columns", cpp, 1.0), ("tips(pressures, out=...)", into, ratio[1]),
-                                ("tips(pressures), a new array", new, ratio[2]),
-                                ("tips(columns, out=...), in the order of Fortran", by_columns, ratio[3]),
+    for name, seconds, part in [("C++, columns to columns", cpp, 1.0), ("tips(pressures, out=...)", into, ratio),
                                 ("the same model in NumPy", numpy_s, numpy_s / cpp)]:
         print(f"  {name:<56} {1e9 * seconds / ROWS:10.2f} {part:8.2f}")
 
@@ -121,16 +116,9 @@ def main():
                            ("1e6 rows, in new memory", lambda: scene.forward(rows))]:
         print(f"  {name:<56} {1e9 * median_s(function) / ROWS:10.2f}")
     one = np.array([1e5, 2e5, 5e4])
-    tip = scene.tips(one)
     for name, function in [("tips(pressures)", lambda: scene.tips(one)), ("forward(pressures)", lambda: scene.forward(one)),
-                           ("forward(pressures).tips", lambda: scene.forward(one).tips),
-                           ("inverse(tip)", lambda: scene.inverse(tip)),
                            ("the same model in NumPy", lambda: by_hand.tips(one))]:
         print(f"one row: {name:<49} {1e6 * single_s(function):10.2f} us")
-    for threads in range(1, (os.cpu_count() or 1) + 1):
-        times = [median_s(function, 9, time.perf_counter) for function in
-                 [lambda: scene.tips(rows, out=out, threads=threads), lambda: scene.forward(rows, threads=threads)]]
-        print(f"threads {threads}: tips {1e9 * times[0] / ROWS:.2f}, forward {1e9 * times[1] / ROWS:.2f} ns per row")
 
 
 if __name__ == "__main__":

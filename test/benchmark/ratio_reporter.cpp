@@ -110,13 +110,12 @@ int main(int argc, char** argv) {
                         "observation/" + size + "_edges", "searchOfPeer/" + size + "_gray");
   }
   reporter.printRatio("warm fit of 8 tags, against GSL nmsimplex2", "fit", "fitOfPeer");
-  for (const std::string until : {"parameters", "errors", "held_out", "suggestions"}) {
-    const std::string with = until == "parameters" ? ", " + until : ", with " + until;
-    reporter.printRatio("stiffness of 21 x 7 tags" + with + ", against nmsimplex2",
+  for (const std::string until : {"parameters", "errors", "suggestions"}) {
+    reporter.printRatio("stiffness of 21 x 7 tags, to " + until + ", against nmsimplex2",
                         "stiffness/" + until, "stiffnessOfPeer");
-    reporter.printRatio("placement of 50 x 8 tags" + with + ", against differences",
-                        "placement/" + until, "placementOfPeer");
   }
+  reporter.printRatio("placement of 50 x 8 tags, against differences", "placement",
+                      "placementOfPeer");
   for (const std::string arm : {"soft", "scene"}) {
     for (const std::string posture : {"hanging", "horizontal"}) {
       const std::string name = arm + "_" + posture, where = " (" + arm + ", " + posture + ")";

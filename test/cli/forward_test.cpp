@@ -104,25 +104,6 @@ TEST(Forward, TakesWhatInversePrintsAndTheOtherWayRound) {
   }
 }
 
-TEST(Forward, RowsOfATableAreAsSingleCalls) {
-  const TemporaryFile table(
-      "# made up\npressure_1_kpa,pressure_2_kpa,pressure_3_kpa\n"
-      "200,0,50\n0,310.5,0\n",
-      ".csv");
-  const nlohmann::json rows =
-      resultOf({"forward", scenePath("helical_50"), "--inputs", table.path()})["rows"];
-  ASSERT_EQ(rows.size(), 2U);
-  const char* const inputs[] = {"200,0,50", "0,310.5,0"};
-  for (std::size_t k = 0; k < 2; ++k) {
-    const nlohmann::json single =
-        resultOf({"forward", scenePath("helical_50"), "--pressure-kpa", inputs[k]});
-    EXPECT_EQ(rows[k], single) << inputs[k];
-  }
-  const Outcome csv =
-      runCommand({"forward", scenePath("helical_50"), "--inputs", table.path(), "--format", "csv"});
-  EXPECT_EQ(csvRows(csv.out).size(), 3U) << csv.out;
-}
-
 Outcome inverse(const std::string& scene, const std::vector<std::string>& target) {
   return runCommand({"inverse", scenePath(scene), "--format", "json"}, target);
 }
@@ -167,22 +148,6 @@ TEST(Inverse, AnUnreachableTargetGivesTheClosestAndTheReason) {
   for (const double p : numbersOf(result["pressure_pa"])) EXPECT_NEAR(p, 0, 1);
 }
 
-TEST(Inverse, RowsOfATableAreAsSingleCalls) {
-  const std::vector<double> a =
-      numbersOf(forward("helical_50", "200,0,50").json()["tip"]["position_m"]);
-  const std::vector<double> b =
-      numbersOf(forward("helical_50", "0,250,20").json()["tip"]["position_m"]);
-  const TemporaryFile table("x_m,y_m,z_m\n" + commaList(a) + "\n" + commaList(b) + "\n9,9,9\n",
-                            ".csv");
-  const Outcome outcome = inverse("helical_50", {"--targets", table.path()});
-  EXPECT_EQ(outcome.exit_code, 1) << "the last is out of reach";
-  const nlohmann::json rows = outcome.json()["rows"];
-  ASSERT_EQ(rows.size(), 3U);
-  EXPECT_EQ(rows[0], inverse("helical_50", {"--tip", commaList(a)}).json());
-  EXPECT_EQ(rows[1], inverse("helical_50", {"--tip", commaList(b)}).json());
-  EXPECT_EQ(rows[2]["status"], "unreachable");
-}
-
 // ---- forward under load -------------------------------------------------------------------------
 
 Eigen::Vector3d positionOf(const nlohmann::json& pose) {
@@ -190,22 +155,18 @@ Eigen::Vector3d positionOf(const nlohmann::json& pose) {
   return {p[0], p[1], p[2]};
 }
 
-struct Asked {
-  std::vector<std::string> options;
-  std::optional<statics::Tier> tier;
-  std::optional<int> order;
-};
-
 TEST(ForwardLoaded, EveryTierIsThatOfTheLibrary) {
   const io::Scene scene = io::loadScene(scenePath("loaded"));
   const Eigen::Vector3d q(200e3, 0, 50e3);
-  const Asked cases[] = {{{}, {}, {}},
-                         {{"--tier", "auto"}, {}, {}},
-                         {{"--tier", "linear"}, statics::Tier::kLinear, {}},
-                         {{"--tier", "loaded", "--order", "2"}, statics::Tier::kLoaded, 2},
-                         {{"--tier", "loaded", "--order", "8"}, statics::Tier::kLoaded, 8},
-                         {{"--tier", "exact"}, statics::Tier::kExact, {}}};
-  for (const Asked& asked : cases) {
+  const struct {
+    std::vector<std::string> options;
+    std::optional<statics::Tier> tier;
+    std::optional<int> order;
+  } cases[] = {{{}, {}, {}},
+               {{"--tier", "linear"}, statics::Tier::kLinear, {}},
+               {{"--tier", "loaded", "--order", "2"}, statics::Tier::kLoaded, 2},
+               {{"--tier", "exact"}, statics::Tier::kExact, {}}};
+  for (const auto& asked : cases) {
     const Outcome outcome = forward("loaded", "200,0,50", asked.options);
     ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
     const nlohmann::json result = outcome.json();
@@ -214,26 +175,15 @@ TEST(ForwardLoaded, EveryTierIsThatOfTheLibrary) {
     const statics::Solution expected = model.solve(q);
     SCOPED_TRACE(model.choice().setting.name());
     EXPECT_EQ(result["tier"], statics::nameOf(model.choice().setting.tier));
-    if (model.choice().setting.order > 0) {
-      EXPECT_EQ(result["order"], model.choice().setting.order);
-    } else {
-      EXPECT_TRUE(result["order"].is_null());
-    }
     EXPECT_EQ(result["tier_reason"], model.choice().reason);
     EXPECT_NEAR(result["tip_error_percent"].get<double>(), 100 * model.choice().relative_tip_error,
                 1e-12);
     EXPECT_EQ(result["status"], "converged");
-    EXPECT_EQ(result["iterations"], expected.iterations);
     EXPECT_LT((positionOf(result["tip"]) - expected.tip.translation).norm(), 1e-14);
     const model::Twists twists = expected.shape.twists();
     for (int i = 0; i < 6; ++i) {
       EXPECT_NEAR(result["twist"][0][i].get<double>(), twists(i, 0), 1e-14);
     }
-    const bool whole = model.choice().setting.tier == statics::Tier::kLinear;
-    EXPECT_EQ(result.value("pieces", 0), whole ? 0 : expected.shape.piecesPerSection());
-    if (whole) continue;
-    EXPECT_NEAR(result["piece_twist"].back()[0].get<double>(),
-                expected.shape.pieces().rightCols<1>()(0), 1e-14);
   }
 }
 
@@ -249,9 +199,6 @@ TEST(ForwardLoaded, FailedConvergenceIsReportedAndExitsWithOne) {
   EXPECT_NE(result["failure"].get<std::string>().find("less load"), std::string::npos);
   EXPECT_GT(result["relative_residual"].get<double>(), 1e-6);
   EXPECT_TRUE(result["tip_error_percent"].is_null());
-  const Outcome csv = runCommand(
-      {"forward", scenePath("loaded"), "--pressure-kpa", "413,0,0", "--format", "csv"}, heavy);
-  EXPECT_EQ(csvRows(csv.out).at(1)[2], "not_converged");
 }
 
 // ---- actuators with a response ------------------------------------------------------------------
@@ -291,22 +238,6 @@ TEST(Response, AHistoryGivesTheShapeAtEffectivePressures) {
               1e-6);
   EXPECT_TRUE(result["history"][2]["time_s"].is_null());
   EXPECT_EQ(result["history"][3]["tip"], result["tip"]);
-}
-
-TEST(Response, WithoutAHistoryEffectivePressuresAreThePressuresAndTheResultSaysSo) {
-  const std::vector<std::string> call{"--pressure-kpa", "200,50"};
-  const nlohmann::json plain = run("forward", call, {}).json();
-  nlohmann::json result = run("forward", call).json();
-  EXPECT_EQ(result["response"]["history_rows"], 0);
-  EXPECT_EQ(result["response"]["memory_known"], false);
-  EXPECT_EQ(result["response"]["note"],
-            "at rest, with every effective pressure the pressure itself: the middle of hysteresis "
-            "loops of up to +-22.5 kPa");
-  EXPECT_FALSE(plain.contains("response"));
-  result.erase("response");
-  EXPECT_EQ(result, plain);  // all else as without one
-  const nlohmann::json workspace = run("workspace", {"--count", "10"}).json();
-  EXPECT_EQ(workspace["response"]["note"], run("forward", call).json()["response"]["note"]);
 }
 
 }  // namespace

@@ -131,22 +131,16 @@ class NewOnATerminal(unittest.TestCase):
         terminal = Terminal("new", "--out", self.out)
         answers = (  # the question's beginning, what is wrong with each answer, the answer that is taken
             ("number of sections", (("three", "three is not a number"), ("2.5", "2.5 is not a whole number"),
-                                    ("1e300", "1e300 is not a whole number"), ("17", "--sections is 17; expected 1 to 16")), "1"),
-            ("number of muscles", (("2", "--muscles is 2; expected 3 to 24 per section"),), "5"),
-            ("length of a muscle", (("0,3", "0,3 is not a number; expected one such as 0.3"), ("nan", "nan is not a number"),
-                                    ("30", "--length-m is 30; expected 0.02 to 5 m")), " 0.4 "),
-            ("by how much it shortens", (("0.6", "--contraction is 0.6; expected 0.01 to 0.5"),), ""),
-            ("from the arm's centre line", (("25", "--radius-m is 25; expected 0.002 to 1 m"),), "0.03"),
-            ("tilt", (("90", "--tilt-deg is 90; expected -60 to 60 degrees"),), "0"),
-            ("highest gauge pressure", (("0", "--max-pressure-kpa is 0; expected 1 to 2000 kPa"),), "250"),
-            ("outer edge", (("0.004", "--tag-size-m is 0.004; expected 0.005 to 0.3 m, or 0 for no tags"),
-                            ("0.06", "which overlaps on 5 muscles side by side; expected at most 0.053")), "0.03"),
-            ("number of tags", (("1", "--tags is 1; expected 2 to 20"), ("12", "12 tags of 30 mm with their white border do not fit")),
-             "4"),
-            ("from the arm to the camera", (("0.01", "--camera-distance-m is 0.01; expected 0.1 to 10 m"),), "1"),
+                                    ("17", "--sections is 17; expected 1 to 16")), "1"),
+            ("number of muscles", (), "5"),
+            ("length of a muscle", (("0,3", "0,3 is not a number; expected one such as 0.3"), ("nan", "nan is not a number")), " 0.4 "),
+            ("by how much it shortens", (), ""), ("from the arm's centre line", (), "0.03"), ("tilt", (), "0"),
+            ("highest gauge pressure", (), "250"),
+            ("outer edge", (("0.06", "which overlaps on 5 muscles side by side; expected at most 0.053"),), "0.03"),
+            ("number of tags", (("12", "12 tags of 30 mm with their white border do not fit"),), "4"),
+            ("from the arm to the camera", (), "1"),
             ("mounting", (("upside down", "upside down is no mounting; expected hanging, standing or lying"),), "standing"),
-            ("pressure regulator", (("festo", "--regulator is festo; expected simulated, none, alicat"),), "generic"),
-            ("serial device of the regulator", (), "/dev/tty: USB #7"),
+            ("pressure regulator", (), "generic"), ("serial device of the regulator", (), "/dev/tty: USB #7"),
         )
         for begin, wrong, right in answers:
             question = terminal.question()

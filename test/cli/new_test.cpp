@@ -1,6 +1,5 @@
 // helix_arm new: the scene that it writes loads, passes the check and holds what was asked for.
 #include <filesystem>
-#include <fstream>
 
 #include <gtest/gtest.h>
 
@@ -86,22 +85,6 @@ TEST_F(New, ArmsOfOneToSixSectionsHaveNoFaults) {
       expectSound({"--samples", "60"});
     }
   }
-}
-
-TEST_F(New, TheProfileSaysWhatTheDeviceTakes) {
-  write({"--defaults", "--regulator", "generic", "--sections", "2", "--muscles", "4"});
-  const io::Scene alicat =
-      made({"--defaults", "--regulator", "alicat", "--sections", "8", "--tag-size-m", "0"});
-  EXPECT_TRUE(has(regulator::describeChannels(*alicat.regulator), "V, W, X"));
-  // A copy of the profile that says what another board has.
-  std::string profile = contentOf(HELIX_ARM_SOURCE_DIR "/config/regulators/generic.yaml");
-  profile.replace(profile.find("highest_kpa: 300"), 16, "highest_kpa: 200");
-  profile.replace(profile.find("  channels: 8 "), 14, "  channels: 9 ");
-  const std::string mine = folder_ / "mine.yaml";
-  std::ofstream(mine) << profile;
-  const io::Scene scene = made({"--defaults", "--regulator", mine, "--sections", "3"});
-  EXPECT_EQ(scene.arm.actuator(0).limits.upper, 2e5) << "the default is lowered";
-  expectSound();
 }
 
 TEST_F(New, EveryShippedProfileAndTheFileOfOneMayBeTheRegulator) {

@@ -1,6 +1,5 @@
 #include <algorithm>
 #include <csignal>
-#include <filesystem>
 #include <memory>
 #include <sstream>
 
@@ -159,33 +158,6 @@ TEST(RegulatorSet, VentsWhenItIsInterrupted) {
   }
 }
 
-TEST(RegulatorSet, AFaultEndsItWithItsReason) {
-  EmulatedDevice device(deviceConfig());
-  Process command(setsForLong(device));
-  ASSERT_TRUE(eventually([&] { return fullest(device) > 9.5e4; })) << command.outputNow();
-  device.setFault(DeviceFault::kRestart);
-  EXPECT_EQ(command.exitCode(), 1);
-  EXPECT_TRUE(has(command.outputNow(), "regulator"));
-  EXPECT_LT(fullest(device), kEmpty);
-}
-
-TEST(RegulatorSet, VentsIfItsGuardIsStoppedOrHasEnded) {
-  for (const int number : {SIGSTOP, SIGKILL}) {
-    EmulatedDevice device(deviceConfig());
-    Process command(setsForLong(device));
-    ASSERT_TRUE(eventually([&] { return fullest(device) > 9.5e4; })) << command.outputNow();
-    const pid_t guard = onlyChildOf(command.id());
-    ASSERT_GT(guard, 0);
-    ASSERT_EQ(kill(guard, number), 0);
-    EXPECT_EQ(command.exitCode(), 1);
-    EXPECT_LT(fullest(device), kEmpty);
-    EXPECT_TRUE(has(command.outputNow(), "guard"));
-    EXPECT_TRUE(has(command.outputNow(), "state  vented"));
-    if (number == SIGSTOP) kill(guard, SIGCONT);
-    EXPECT_TRUE(eventually([&] { return hasEnded(guard); }));
-  }
-}
-
 // A guard that is not dismissed tries to reach the device for longer than it is waited for here.
 TEST(RegulatorSet, WhereNothingWasEnabledItsGuardIsDismissed) {
   Process command(words(at(freePort(), {"set", "--pressure-kpa", "100,0,50", "--yes"})));
@@ -310,30 +282,6 @@ TEST(RegulatorEmulate, ReplacesTheDevice) {
   EXPECT_EQ(device.exitCode(0.2), -1);
   device.signal(SIGINT);
   EXPECT_EQ(device.exitCode(), 0);
-}
-
-// Two programs that use one device: the second is told which process has it, and the first is not
-// disturbed.
-TEST(Regulator, TheSecondLearnsWhoHasTheDeviceAndTheFirstContinues) {
-  EmulatedDevice device(deviceConfig());
-  const auto stands = [&] { return device.pressure().head(3).minCoeff() > 0.95e5; };
-  Process first(setsForLong(device, "100,100,100"));
-  ASSERT_TRUE(eventually(stands, 30.0)) << first.outputNow();
-  const std::vector<std::string> kSecond[] = {
-      {"set", "--yes", "--pressure-kpa", "100,100,100", "--seconds", "0.1"},
-      {"vent"},
-      {"probe", "--seconds", "0.1"}};
-  for (const std::vector<std::string>& second : kSecond) {
-    const Outcome outcome = run(device.port(), second);
-    EXPECT_EQ(outcome.exit_code, 1) << outcome.out;
-    EXPECT_TRUE(has(outcome.err, " is driven by process "));
-    EXPECT_TRUE(has(outcome.err, "(helix_arm); end that one first"));
-    EXPECT_TRUE(stands()) << "after " << second[0];
-  }
-  // When it is killed, its guard vents and the device is free for the next program.
-  first.signal(SIGKILL);
-  EXPECT_TRUE(eventually([&] { return fullest(device) < kEmpty; }, 30.0));
-  EXPECT_TRUE(eventually([&] { return run(device.port(), {"vent"}).exit_code == 0; }, 30.0));
 }
 
 }  // namespace

@@ -60,23 +60,6 @@ TEST(Simulate, ASceneWithACameraGivesPicturesPosesAndTruth) {
   EXPECT_EQ(contentOf(folder / "scene.yaml").substr(0, scene.size()), scene);
 }
 
-TEST(Simulate, TagPosesAreThoseOfTheTrueTags) {
-  const TemporaryFile scene(kBareRodScene + kTags);
-  const TemporaryFolder folder;
-  const std::string asked = folder / "asked", moved = folder / "moved";
-  const std::vector<std::string> exact{"--count", "1", "--set", "vision.tag_position_noise_m=1e-6"};
-  ASSERT_EQ(simulate(scene.path(), asked, exact).exit_code, 0);
-  ASSERT_EQ(runCommand({"simulate", scene.path(), "--out", moved, "--set",
-                        "simulation.mounts.tag_translation_m=0.01"},
-                       exact)
-                .exit_code,
-            0);
-  const auto a = tableOf(asked + "/tag_poses.csv"), b = tableOf(moved + "/tag_poses.csv");
-  EXPECT_NEAR(a[0].at("z_m"), b[0].at("z_m"), 1e-5);
-  EXPECT_GT(std::abs(a[1].at("z_m") - b[1].at("z_m")) + std::abs(a[1].at("y_m") - b[1].at("y_m")),
-            1e-3);
-}
-
 // A camera of another focal length than the file says: the scene that is written knows it.
 TEST(Simulate, TheWrittenSceneDescribesThePictures) {
   const TemporaryFolder folder;

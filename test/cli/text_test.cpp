@@ -51,13 +51,5 @@ TEST(Text, ListsOfObjectsAreTables) {
             "  k1      -\n");
 }
 
-TEST(Text, ALineHasAllInItsOrder) {
-  EXPECT_EQ(cli::lineOf({{"tip_m", {0.1, 0.2}},
-                         {"status", "reached"},
-                         {"reason", json()},
-                         {"limits", {{{"actuator", "a"}}, {{"actuator", "b"}}}}}),
-            "status reached; tip 100.000, 200.000 mm; limits actuator a, actuator b");
-}
-
 }  // namespace
 }  // namespace helix_arm::test

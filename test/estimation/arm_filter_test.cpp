@@ -191,18 +191,6 @@ TEST_F(HelicalArmFilter, TrustsPicturesOfAMovingArmLess) {
   EXPECT_LT(distanceOfAnError(true), 0.5 * distanceOfAnError(false));
 }
 
-TEST_F(HelicalArmFilter, KeepsItsEstimateThroughAGap) {
-  Bench bench(model_, truthOf(model_.arm()), 5);
-  ArmFilter filter(model_, {});
-  for (int k = 0; k < 60; ++k) {
-    filter.see(bench.at(k, test::randomInput(bench.arm(), bench.random())));
-  }
-  const Eigen::VectorXd mean = filter.state().mean;
-  const double now = filter.twistCovariance(0.0).trace();
-  EXPECT_GT(filter.twistCovariance(10.0).trace(), now);
-  EXPECT_EQ(filter.state().mean, mean);
-}
-
 TEST_F(HelicalArmFilter, NamesWhatItDoesNotTake) {
   using Input = ArmFilter::Input;
   using Fault = ObservationFault;
@@ -211,7 +199,7 @@ TEST_F(HelicalArmFilter, NamesWhatItDoesNotTake) {
   const Eigen::VectorXd pressure = bench.arm().inputAt(0.5);
   ASSERT_TRUE(filter.see(bench.at(1.0, pressure)).accepted());
   const Gaussian before = filter.state();
-  const double nan = std::numeric_limits<double>::quiet_NaN();
+  constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
   const struct {
     const char* name;
     void (*spoil)(Input&);
@@ -226,15 +214,17 @@ TEST_F(HelicalArmFilter, NamesWhatItDoesNotTake) {
       // One half of the matrix alone says nothing of the other.
       {"not symmetric", [](Input& i) { i.covariance(0, 5) = 1.0; }, Fault::kNotPositive},
       {"certain", [](Input& i) { i.covariance(2, 2) = 0; }, Fault::kNotPositive},
-      {"all but certain", [](Input& i) { i.covariance.diagonal().fill(1e-300); },
-       Fault::kImplausible},
-      {"unbounded", [](Input& i) { i.covariance.diagonal().fill(1e300); }, Fault::kImplausible},
       {"one below a fiftieth of the wavelength of light",
        [](Input& i) { i.covariance *= 0.99e-16 / i.covariance.diagonal().minCoeff(); },
        Fault::kImplausible},
       {"one above the longest arm",
        [](Input& i) { i.covariance *= 100.1 / i.covariance.diagonal().maxCoeff(); },
        Fault::kImplausible},
+      {"no time", [](Input& i) { i.time = kNaN; }, Fault::kNotFinite},
+      {"no pressure", [](Input& i) { i.pressure[1] = kNaN; }, Fault::kNotFinite},
+      {"no variance", [](Input& i) { i.variance[0] = kNaN; }, Fault::kNotFinite},
+      {"no twist", [](Input& i) { i.twists(3, 0) = kNaN; }, Fault::kNotFinite},
+      {"no covariance", [](Input& i) { i.covariance(1, 2) = kNaN; }, Fault::kNotFinite},
   };
   for (const auto& test : cases) {
     Input input = bench.at(2.0, pressure);
@@ -242,33 +232,8 @@ TEST_F(HelicalArmFilter, NamesWhatItDoesNotTake) {
     EXPECT_EQ(filter.check(input), test.fault) << test.name;
     EXPECT_EQ(filter.see(input).fault, test.fault) << test.name;
   }
-  for (const int what : {0, 1, 2, 3, 4}) {
-    Input input = bench.at(2.0, pressure);
-    if (what == 0) input.time = nan;
-    if (what == 1) input.pressure[1] = nan;
-    if (what == 2) input.variance[0] = nan;
-    if (what == 3) input.twists(3, 0) = nan;
-    if (what == 4) input.covariance(1, 2) = nan;
-    EXPECT_EQ(filter.see(input).fault, Fault::kNotFinite) << what;
-  }
   EXPECT_EQ(filter.state().mean, before.mean);
   EXPECT_EQ(filter.state().covariance, before.covariance);
-  for (int i = 0; i < kObservationFaultCount; ++i) {
-    EXPECT_STRNE(nameOf(static_cast<Fault>(i)), "");
-  }
-}
-
-TEST_F(HelicalArmFilter, StartsAnewWhenAsked) {
-  Bench bench(model_, truthOf(model_.arm()), 7);
-  ArmFilter filter(model_, {}), fresh(model_, {});
-  for (int k = 0; k < 10; ++k) {
-    filter.see(bench.at(k, test::randomInput(bench.arm(), bench.random())));
-  }
-  filter.reset();
-  EXPECT_EQ(filter.state().mean, fresh.state().mean);
-  EXPECT_EQ(filter.state().covariance, fresh.state().covariance);
-  EXPECT_FALSE(filter.lastStep());
-  EXPECT_TRUE(filter.see(bench.at(0.0, bench.arm().inputAt(0.5))).accepted());
 }
 
 TEST(ArmFilter, OmitsTheEntriesThatAPlanarFitFixes) {

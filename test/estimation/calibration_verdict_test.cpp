@@ -279,36 +279,6 @@ TEST(CalibrationVerdict, KKappaOfCurvaturesWarnsOfLengthsThatItTakesAsExact) {
   EXPECT_LT(alone.coverage(), test::isFullSize() ? 0.6 : 0.85) << "the reason to warn";
 }
 
-// Corners of a rig of which everything is wrong; in a tilted arm K_kappa is held, here it is seen.
-TEST(CalibrationVerdict, StiffnessOfUntiltedArmsIsFoundWithinItsErrors) {
-  const model::Arm known = test::ringArm(test::straightRing());
-  const ArmView view = test::sampleView(0.8, 1, 21, 3);
-  CalibrationOptions options;
-  options.base = options.tags = options.border_shift = true;
-  options.length_scale = LengthScaling::kCommon;
-  options.corner_floor = 0;  // these have none
-  int misses = 0;
-  Tally kappa;
-  for (int rig = 0; rig < kRigs; ++rig) {
-    Random random(3000 + rig);
-    const test::RigTruth truth =
-        test::drawRig(known, view, {0.25, 0.4, 0.03, 0.01, 0.02, 0.002, 0.052, 0.0003}, random);
-    const Calibration found = calibrated(
-        {corners(known, view, truth, test::twelvePressures(known), kCornerNoise, random)}, options);
-    EXPECT_FALSE(parameter(found, "K_gamma").identifiable);
-    EXPECT_EQ(parameter(found, "K_gamma").value, parameter(found, "K_gamma").initial);
-    const Parameter& one = parameter(found, "K_kappa");
-    EXPECT_TRUE(one.identifiable);
-    EXPECT_LT(one.standard_error, 0.1 * one.value);
-    kappa.add(one, truth.parameters.at("K_kappa"));
-    misses += std::abs(one.value - truth.parameters.at("K_kappa")) > 3 * one.standard_error;
-  }
-  print("corners", {{"K_kappa", kappa}});
-  EXPECT_LE(misses, test::isFullSize() ? 5 : test::mostOf(kRigs, 0.0027));
-  EXPECT_GT(kappa.rms(), 0.5);
-  EXPECT_LT(kappa.rms(), 1.3);
-}
-
 // Bending and shear of a tilted arm do nearly the same. What its captures know is a combination of
 // both: it is reported with an error that holds, and predictions that use it are as certain as they
 // claim.
@@ -400,16 +370,6 @@ TEST_P(CombinationOfATiltedArm, IsFoundWithinItsErrors) {
   if (noise == kSharpNoise) {
     EXPECT_GE(gains.front(), 3);
   }
-}
-
-TEST(CalibrationCombinations, OneStiffnessAloneHasNone) {
-  const model::Arm known = tiltedArm();
-  Random random(1);
-  const test::RigTruth truth = drawTruth(known, random);
-  CalibrationOptions options;
-  options.K_kappa = false;
-  const Calibration found = calibrated({noisyTwists(known, truth, kDullNoise, random)}, options);
-  EXPECT_TRUE(found.combinations.empty());
 }
 
 }  // namespace

@@ -9,7 +9,7 @@
 
 #include "helix_arm/basics/pi.hpp"
 #include "helix_arm/statics/loaded.hpp"
-#include "support/paper_arm.hpp"
+#include "support/loaded_arm.hpp"
 
 namespace helix_arm::estimation {
 namespace {
@@ -22,9 +22,8 @@ constexpr double kArmed = 10.0;       // of pictures [s]
 constexpr double kCreep = 0.02;       // of the bias [s^-1/2]
 constexpr int kLateral[] = {1, 2};    // axes across an arm that hangs along x
 
-statics::Load stiffnessAlone() { return {Eigen::Vector3d::Zero(), {0.0}, {kK_eps}, {}, {}}; }
 ArmModel knownStiffness() {
-  return ArmModel(test::ringArm(test::helicalRing()), std::nullopt, stiffnessAlone());
+  return ArmModel(test::ringArm(test::helicalRing()), std::nullopt, test::weightless(1, kK_eps));
 }
 
 // A true arm that a force may pull, a filter that watches it, and onsets of that filter. The mean
@@ -41,7 +40,7 @@ class Bench {
     const Eigen::VectorXd lengths = truth_.scaled(model.arm().lengths(pressure - lost));
     model::Twists unloaded = truth_.arm().twistsOfLengths(lengths);
     if (!force.isZero(0)) {
-      statics::Load load = stiffnessAlone();
+      statics::Load load = test::weightless(1, kK_eps);
       load.points.emplace_back();
       load.points.back().s = place;
       load.points.back().force = force;
@@ -280,27 +279,6 @@ TEST(OnsetHypotheses, SmallChangesThatPlayKeepsFromArrivingAreNoForce) {
   }
 }
 
-TEST(OnsetHypotheses, TheLimitIsThatOfTheOptions) {
-  const auto highest = [](double limit) {
-    OnsetOptions options;
-    options.limit = limit;
-    Bench bench(5, options);
-    bench.moveUntilArmed();
-    bench.force = {0, 0.3, 0};
-    double out = 0;
-    for (int k = 0; k < 6 && !loadOf(bench).contact; ++k) {
-      bench.see();
-      out = std::max(out, loadOf(bench).score);
-    }
-    return std::pair(out, loadOf(bench).contact);
-  };
-  const auto [score, never] = highest(1e6);
-  ASSERT_FALSE(never);
-  ASSERT_GT(score, 10);
-  EXPECT_TRUE(highest(0.99 * score).second);
-  EXPECT_FALSE(highest(1.01 * score).second);
-}
-
 // The watch gets its state from the filter of the force: the force is no bias of the arm.
 TEST(OnsetHypotheses, TheWatchDoesNotTakeTheForceForADifferenceOfTheArm) {
   Bench bench(6);
@@ -386,19 +364,6 @@ TEST(OnsetHypotheses, AJumpOfWhatOtherTagsMeasureIsNoContact) {
     }
     EXPECT_EQ(std::isfinite(bench.delay(2)), !told);
   }
-}
-
-TEST(OnsetHypotheses, ResetForgetsContactAndOnsets) {
-  Bench bench(13);
-  bench.moveUntilArmed();
-  bench.touch({0, 1, 0});
-  bench.onsets.reset();
-  EXPECT_FALSE(loadOf(bench).contact);
-  EXPECT_EQ(loadOf(bench).score, 0);
-  bench.force.setZero();
-  bench.run(3);
-  bench.force = {0, 1, 0};
-  EXPECT_EQ(bench.delay(kArmed - 3.2), INFINITY) << "it is armed after ten seconds";
 }
 
 // Without K_eps the forces are parts of it: the same arm, measured alike, and a hypothetical K_eps.

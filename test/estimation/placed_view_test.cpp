@@ -175,23 +175,6 @@ TEST_F(Placements, RigByPlacementsIsThatOfRepeatedFits) {
   EXPECT_GT((*border_shift)(6, 6), 0);
 }
 
-TEST_F(Placements, DependsOnTheFittedTagsAlone) {
-  PlacedView placed = viewOf(view_, {}, {0.001, 0.01}, {0.001, 0.01});
-  const Eigen::MatrixXd before = *placementCovariance(placed, arm_, shape_, {4, 12, 20, 28});
-  placed.deviations.tags[8] *= 100;
-  EXPECT_EQ(*placementCovariance(placed, arm_, shape_, {4, 12, 20, 28}), before);
-  EXPECT_GT(placementCovariance(placed, arm_, shape_, {4, 8, 12, 20, 28})->trace(), before.trace());
-  EXPECT_TRUE(placementCovariance(placed, arm_, shape_, {})->isZero(0));
-}
-
-TEST(PlacementCovariance, IsNothingBehindTheCamera) {
-  const model::Arm arm = test::ringArm(test::helicalRing());
-  ArmView view = test::sampleView();
-  view.X_CB.translation.z() = -1;
-  EXPECT_FALSE(
-      placementCovariance(viewOf(view, {}, {}, {}), arm, arm.twists(arm.inputAt(0.5)), {0, 4, 8}));
-}
-
 TEST(PlacementDeviations, AreThePriorsExceptOfTheBaseTag) {
   TagLayout layout = test::sampleLayout(1, 4);
   std::swap(layout.tags[0], layout.tags[2]);

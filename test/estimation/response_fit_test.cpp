@@ -137,22 +137,6 @@ TEST(ResponseFit, InflationAloneDoesNotDetermineThePlay) {
   EXPECT_EQ(fit.response.play_count, 0);
 }
 
-TEST(ResponseFit, SeveralPlaysOfTheThresholdsAreFound) {
-  Response truth;
-  truth.play_count = 2;
-  truth.plays[0] = {kMost / 40, 0.25};
-  truth.plays[1] = {kMost / 5, 0.45};
-  int right = 0;
-  for (unsigned seed = 0; seed < 20; ++seed) {
-    Series series = levels(truth, seed, 1200);
-    series.history.time.clear();
-    const ResponseFit fit = fitResponse(series.history, series.shortening);
-    EXPECT_LT(fit.rms, 1.3 * kNoise) << seed;
-    right += fit.response.play_count >= 2;
-  }
-  EXPECT_GE(right, 18);
-}
-
 TEST(ResponseFit, PositionsOfAStronglyBentArmGiveLagAndPlay) {
   const Response truth = withPlay(lagOf(0.5, 1.0), 3e4, 0.6);
   Series series = levels(truth, 3, 1200);
@@ -173,25 +157,6 @@ TEST(ResponseFit, PositionsOfAStronglyBentArmGiveLagAndPlay) {
   EXPECT_NEAR(fit.fall_time.value, 1.0, 0.06);
   EXPECT_EQ(fit.play, ResponseVerdict::kFound);
   EXPECT_NEAR(fit.response.halfWidth(), truth.halfWidth(), 2e3);
-}
-
-// Creep is neither lag nor play. What stands in for it has errors that a scene can hold.
-TEST(ResponseFit, WhatIsFoundInOneTrialWithCreepHasFiniteErrors) {
-  int found = 0;
-  for (unsigned seed = 0; seed < 40; ++seed) {
-    Series series = levels(lagOf(0.5, 0.5), seed, 400);
-    double slow = 0;
-    for (double& shortening : series.shortening.reshaped()) {
-      slow += -std::expm1(-kStep / 7.0) * (shortening - slow);
-      shortening = 0.4 * shortening + 0.6 * slow;
-    }
-    const ResponseFit fit = fitResponse(series.history, series.shortening);
-    found += fit.lag == ResponseVerdict::kFound || fit.play == ResponseVerdict::kFound;
-    for (const Estimate& estimate : {fit.rise_time, fit.fall_time, fit.reach[0], fit.weight[0]}) {
-      EXPECT_TRUE(std::isfinite(estimate.standard_error)) << "seed " << seed;
-    }
-  }
-  EXPECT_GE(found, 30);
 }
 
 // Steps of pressure of a two-section arm of six chambers (ASU-RISE-Lab, MIT licence). Static, the

@@ -111,26 +111,6 @@ TEST(TagImage, VisibleTagsFaceTheCameraAndLieInThePicture) {
   }
 }
 
-TEST(TagImage, TagsOfALoadedArmAreSeenWhereTheyRide) {
-  const ArmView view = test::sampleView();
-  model::Shape::Pieces pieces = model::Shape::Pieces::Zero(6, 4);
-  pieces.row(0).setConstant(0.1);
-  pieces.row(5) << 0.1, 0.2, 0.3, 0.4;
-  const model::Shape shape(pieces, 4);
-  const std::vector<lie::SE3> poses = tagPoses(view.layout, shape);
-  const std::vector<TagImage> observations = visibleTags(view, shape, 0.2);
-  ASSERT_GT(observations.size(), 5u);
-  const Corners plane = view.layout.corners();
-  for (const TagImage& observation : observations) {
-    for (int c = 0; c < 4; ++c) {
-      const Eigen::Vector3d corner(plane(0, c), plane(1, c), 0);
-      const auto pixel = view.camera.project(view.X_CB * (poses[observation.tag] * corner));
-      ASSERT_TRUE(pixel.has_value());
-      EXPECT_LT((*pixel - observation.corners.col(c)).norm(), 1e-9);
-    }
-  }
-}
-
 TEST(TagImage, TagsAtTheEdgeOfThePictureAreNotWhollyVisible) {
   ArmView view = test::sampleView();
   const model::Arm arm = test::ringArm(test::helicalRing());

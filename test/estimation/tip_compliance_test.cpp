@@ -9,6 +9,7 @@
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/statics/exact.hpp"
 #include "localization/twist_equations.hpp"
+#include "support/loaded_arm.hpp"
 #include "support/sample_view.hpp"
 
 namespace helix_arm::estimation {
@@ -22,15 +23,8 @@ constexpr double kForce = 0.05;   // of differences: so small that shapes are li
 
 model::Arm helicalArm(int sections = 1) { return test::ringArm(test::helicalRing(), sections); }
 
-statics::Load stiffnessAlone(int sections = 1, double K_eps = kK_eps) {
-  return {Eigen::Vector3d::Zero(),
-          std::vector<double>(static_cast<std::size_t>(sections), 0.0),
-          std::vector<double>(static_cast<std::size_t>(sections), K_eps),
-          {},
-          {}};
-}
 ArmModel modelOf(int sections = 1, double K_eps = kK_eps) {
-  return ArmModel(helicalArm(sections), std::nullopt, stiffnessAlone(sections, K_eps));
+  return ArmModel(helicalArm(sections), std::nullopt, test::weightless(sections, K_eps));
 }
 Eigen::VectorXd pressureOf(const model::Arm& arm) {
   Eigen::VectorXd fraction(arm.actuatorCount());
@@ -41,7 +35,7 @@ Eigen::VectorXd pressureOf(const model::Arm& arm) {
 // The exact shape of an arm that a force pulls at one place.
 model::Shape pulled(const model::Arm& arm, const ForcePlace& place, const Eigen::Vector3d& force,
                     double K_eps = kK_eps) {
-  statics::Load load = stiffnessAlone(arm.sectionCount(), K_eps);
+  statics::Load load = test::weightless(arm.sectionCount(), K_eps);
   load.points.push_back({place.section, place.s, 0.0, force, {0, 0, 0}, {0, 0, 0}});
   const statics::Solution solution =
       statics::ExactArm(arm, load).solve(arm.twists(pressureOf(arm)));
@@ -80,7 +74,7 @@ TEST(TipCompliance, SaysWhetherASoftHangingArmBalancesAForce) {
   for (const auto& [K_eps, mass, complete] :
        {std::tuple(30.0, 0.45, true), std::tuple(120.0, 0.45, true),
         std::tuple(30.0, 50.0, false)}) {
-    statics::Load load = stiffnessAlone(1, K_eps);
+    statics::Load load = test::weightless(1, K_eps);
     load.gravity = {-9.81, 0, 3};
     load.mass = {mass};
     const statics::TierSetting tier{statics::Tier::kLoaded, 3};
@@ -225,35 +219,6 @@ TEST_F(TipComplianceTest, TheTagsThatAreFittedCount) {
   EXPECT_GT((of_all - of_half).norm(), 0.05 * of_all.norm());
   compliance.moveTo(pressure_, Correction(arm_));
   EXPECT_LT((compliance.atTip() - of_all).norm(), 1e-12 * of_all.norm());
-}
-
-TEST_F(TipComplianceTest, ItIsComputedAnewWhereAPressureMovedByTenKilopascals) {
-  TipCompliance compliance(modelOf());
-  compliance.moveTo(pressure_, Correction(arm_));
-  const Eigen::MatrixXd here = compliance.atTip();
-  Eigen::VectorXd moved = pressure_;
-  moved[1] += 9.99e3;
-  compliance.moveTo(moved, Correction(arm_));
-  EXPECT_EQ(compliance.atTip(), here);
-  moved[1] = pressure_[1] + 1.01e4;
-  compliance.moveTo(moved, Correction(arm_));
-  EXPECT_NE(compliance.atTip(), here);
-  TipCompliance fresh(modelOf());
-  fresh.moveTo(moved, Correction(arm_));
-  EXPECT_EQ(compliance.atTip(), fresh.atTip());
-}
-
-TEST_F(TipComplianceTest, ItFallsWithTheStiffnessThatIsKnownOrLearnt) {
-  const auto norm = [&](double K_eps, double factor) {
-    TipCompliance compliance(modelOf(1, K_eps));
-    Correction correction(arm_);
-    correction.K_eps_factor = factor;
-    compliance.moveTo(pressure_, correction);
-    return compliance.atTip().norm();
-  };
-  const double once = norm(900, 1);
-  EXPECT_NEAR(norm(1800, 1), once / 2, 0.01 * once);
-  EXPECT_NEAR(norm(900, 2), once / 2, 0.01 * once);
 }
 
 TEST_F(TipComplianceTest, AnArmOfUnknownKEpsCountsAsATypicalOne) {

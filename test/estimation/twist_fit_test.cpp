@@ -12,7 +12,7 @@
 #include "helix_arm/statics/loaded.hpp"
 #include "support/allocation_counter.hpp"
 #include "support/linked_arm.hpp"
-#include "support/sample_load.hpp"
+#include "support/loaded_arm.hpp"
 #include "support/sample_view.hpp"
 #include "support/test_size.hpp"
 
@@ -169,19 +169,6 @@ TEST_F(TwistFitTest, AMovedBaseIsFoundAndLeavesTheTwistsAlone) {
   ASSERT_EQ(fit.status, FitStatus::kConverged);
   EXPECT_LT((fit.X_B0B.log() - offset).cwiseAbs().maxCoeff(), 1e-5);
   EXPECT_LT((fit.twists - twists).cwiseAbs().maxCoeff(), 1e-5);
-}
-
-TEST_F(TwistFitTest, ATightPriorHoldsTheBase) {
-  const model::Twists twists = arm_.twists(arm_.inputAt(0.2));
-  TwistFitOptions options;
-  options.free_base = true;
-  options.base_prior = {1e-9, 1e-9};
-  Random random(8);
-  const auto seen = test::observe(view_, visibleTags(view_, twists, 0.3), 0.5, random);
-  TwistFitter held(view_.layout, 1, options), fixed(view_.layout, 1, {});
-  const model::Twists with = held.fit(seen, view_.X_CB, view_.camera.fx, twists).twists;
-  const TwistFit& without = fixed.fit(seen, view_.X_CB, view_.camera.fx, twists);
-  EXPECT_LT((with - without.twists).cwiseAbs().maxCoeff(), 1e-6);
 }
 
 TEST_F(TwistFitTest, BleedIsFoundBesideTheTwists) {

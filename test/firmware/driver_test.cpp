@@ -10,9 +10,6 @@
 #include "helix_arm/simulation/emulated_device.hpp"
 #include "simulated_board.hpp"
 #include "simulation/emulation.hpp"
-#include "support/has.hpp"
-#include "support/refusal.hpp"
-#include "support/serial_profiles.hpp"
 #include "support/temporary_file.hpp"
 #include "support/temporary_folder.hpp"
 #include "support/test_size.hpp"
@@ -613,20 +610,6 @@ TEST(BoardAndHost, AnOutletThatStaysShutIsReportedAsSuch) {
   EXPECT_TRUE(rig.core().report().vent_overdue);
   failFirst(rig, ChannelFault::kNone);
   EXPECT_TRUE(rig.reaches(SafetyState::kVented, 2));
-}
-
-// A board that takes set points up to another limit than the scene refuses those above, by name.
-TEST(BoardAndHost, ALimitBelowTheHostsIsNamed) {
-  LiveBoard board(kSmallBoard);
-  board.pass(0.1);
-  const auto driver =
-      regulator::SerialConfig{genericProfile(), board.path(), {"0", "1", "2"}}.makeDriver(3);
-  driver->connect();
-  control::ValveOrders orders(3);
-  orders.valve.assign(3, control::Valve::kRegulate);
-  orders.set_point.setConstant(3.5e5);
-  EXPECT_TRUE(
-      has(refusal<regulator::BadReply>([&] { driver->write(orders); }), "p0=fault above_limit"));
 }
 
 }  // namespace

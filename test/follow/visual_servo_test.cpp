@@ -147,22 +147,6 @@ TEST_F(Loop, FollowsAPathFromWhereItIs) {
   EXPECT_FALSE(bench_.loop.turn().commands);
 }
 
-// From a target out of reach the arm need not come back: it is elsewhere.
-TEST_F(Loop, FollowsAPathFromWhereATargetOutOfReachHasLeftIt) {
-  close();
-  for (const double far : {5.0, 5e5}) {
-    bench_.loop.aimAt(Eigen::Vector3d(far, 0, 0));
-    bench_.run(3);
-    const Eigen::Vector3d tip = bench_.trueTip();
-    bench_.loop.follow(control::TipPath({{0.0, there_, {}, {}}, {3.0, here_, {}, {}}}));
-    bench_.step();
-    ASSERT_TRUE(bench_.loop.turn().path_time);
-    EXPECT_NEAR(-*bench_.loop.turn().path_time,
-                15.0 / 8 * (there_ - tip).norm() / control::kApproachSpeed, 0.3);
-    EXPECT_LT((bench_.loop.turn().wanted.translation - tip).norm(), 0.01);
-  }
-}
-
 // On the way to a path of poses the tip turns as well, and does not jump at the first point.
 TEST_F(Loop, TurnsOnTheWayToAPathOfPoses) {
   close();
@@ -181,18 +165,6 @@ TEST_F(Loop, TurnsOnTheWayToAPathOfPoses) {
   } while (*bench_.loop.turn().path_time < 1);
   EXPECT_EQ(most, 0.0) << "the wanted orientation jumps";
   EXPECT_TRUE(last.rotation.isApprox(first.rotation, 1e-9));
-}
-
-TEST_F(Loop, GoesOnAfterAReadingThatIsNone) {
-  close();
-  Eigen::VectorXd reading = bench_.pressure();
-  for (const double wrong : {1e300, -1e300, std::numeric_limits<double>::infinity()}) {
-    reading[0] = wrong;
-    bench_.loop.reading(bench_.time() + 0.001, bench_.loop.turn().pressure, reading);
-    bench_.run(1);
-    EXPECT_EQ(state(), LoopState::kClosed);
-    EXPECT_LT(bench_.error(), 1e-3);
-  }
 }
 
 // The clock is set back, as by a recording that begins again: what is known of the arm stays.
@@ -258,20 +230,6 @@ TEST_F(Loop, RefusesATargetThatIsNone) {
       test::refusal([&] { bench_.loop.aimAt(Eigen::Vector3d(0.3, nan, 0)); });
   EXPECT_TRUE(test::has(message, "not finite"));
   EXPECT_FALSE(bench_.loop.hasTarget());
-}
-
-// A bus of many regulators may give five readings a second: pictures then are newer than the last.
-TEST_F(Loop, ClosesWithFewReadings) {
-  bench_.options.steps_per_reading = 20;
-  close();
-  bench_.faults.clear();
-  bench_.run(6);
-  EXPECT_EQ(bench_.faults[ObservationFault::kNone], 200);
-  EXPECT_LT(bench_.error(), 5e-4);
-  bench_.loop.aimAt(there_);
-  bench_.run(4);
-  EXPECT_EQ(bench_.faults[ObservationFault::kTooOld], 0);
-  EXPECT_LT(bench_.error(), 1e-3);
 }
 
 TEST(SmoothingFor, IsLongerForArmsThatVibrateSlowly) {

@@ -112,9 +112,7 @@ std::string uncalibrated(const std::string& text) {
 
 class ShippedScene : public testing::TestWithParam<const char*> {
  protected:
-  std::string path() const {
-    return std::string(HELIX_ARM_SOURCE_DIR) + "/config/scenes/" + GetParam() + ".yaml";
-  }
+  std::string path() const { return test::shippedPath(GetParam()); }
 };
 INSTANTIATE_TEST_SUITE_P(Scenes, ShippedScene,
                          testing::Values("annotated", "demo", "helical_50", "loaded", "planar_101",
@@ -285,19 +283,6 @@ TEST(CalibratedScene, TheCameraMayHaveAnyOrientation) {
     change.X_CB = X_WC.inverse() * before.X_WB;
     EXPECT_LT(difference(calibrated(kSpatialScene, change).X_CB(), *change.X_CB), 1e-12) << trial;
   }
-}
-
-TEST(CalibratedScene, GroupsWhoseTagsStayAreKept) {
-  const Scene before = sceneOf(kSpatialScene);
-  SceneCalibration change = calibration();
-  change.tags = before.tags;
-  change.tags->tags[2].s = 0.51;  // the one of the second group
-  const test::TemporaryFile file(kSpatialScene);
-  const std::string text = calibratedSceneText(file.path(), {}, change);
-  EXPECT_TRUE(has(text, "ids: [3, 1]"));
-  expectSameTags(*sceneOf(text).tags, *change.tags, 1e-12);
-  change.tags->tags[0].X_ST.translation.x() += 1e-3;
-  expectSameTags(*calibrated(kSpatialScene, change).tags, *change.tags, 1e-12);
 }
 
 estimation::ContractionFit quintic(double max_pressure) {

@@ -14,6 +14,7 @@
 #include "helix_arm/io/scene.hpp"
 #include "support/has.hpp"
 #include "support/scene_text.hpp"
+#include "support/shipped_scene.hpp"
 #include "support/temporary_file.hpp"
 
 namespace helix_arm::test {
@@ -21,12 +22,6 @@ namespace helix_arm::test {
 /// The scene of a text.
 inline io::Scene sceneOf(const std::string& text, const std::vector<io::Override>& overrides = {}) {
   return io::loadScene(TemporaryFile(text).path(), overrides);
-}
-
-/// A shipped scene.
-inline io::Scene shippedScene(const std::string& name,
-                              const std::vector<io::Override>& overrides = {}) {
-  return io::loadScene(HELIX_ARM_SOURCE_DIR "/config/scenes/" + name + ".yaml", overrides);
 }
 
 /// What a scene says of vision, except for rotations, which are converted: all else is bit for bit.

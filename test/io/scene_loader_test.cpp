@@ -128,13 +128,6 @@ TEST(SceneLoader, TheNearestStiffnessApplies) {
   }
 }
 
-TEST(SceneLoader, UnnamedActuatorsAreNumberedThroughTheArm) {
-  const Scene scene = sceneOf(kSpatialScene);
-  const char* names[] = {"muscle_1", "muscle_2", "muscle_3", "left", "muscle_5", "top"};
-  ASSERT_EQ(scene.arm.actuatorCount(), 6);
-  for (int i = 0; i < 6; ++i) EXPECT_EQ(scene.arm.actuator(i).name, names[i]);
-}
-
 TEST(SceneLoader, LooksRegulatorAndSafetyAreInSi) {
   const Scene scene = sceneOf(kSpatialScene);
   EXPECT_EQ(scene.name, "rig");
@@ -351,16 +344,6 @@ TEST(SceneLoader, OverridesReachSectionsThatTheSceneLeavesOut) {
   EXPECT_FALSE(scene.tags);
 }
 
-TEST(SceneLoader, APlanarArmMayCarryTags) {
-  const Scene scene = sceneOf(
-      kPlanarScene + "tags: {size_m: 0.03, groups: [{actuator: muscle_2, ids: [4], s: [1]}]}\n");
-  ASSERT_TRUE(scene.tags);
-  EXPECT_EQ(scene.vision.detector.family, "36h11");
-  EXPECT_EQ(scene.tags->tags[0].X_ST.translation, Eigen::Vector3d(0, -0.03, 0));
-  EXPECT_TRUE(scene.vision.fit.planar);
-  EXPECT_FALSE(sceneOf(kSpatialScene).vision.fit.planar);
-}
-
 // ring.phase_deg, plate_m and arm.tool.
 double apart(const lie::SE3& a, const lie::SE3& b) {
   return (a.translation - b.translation).norm() + (a.rotation - b.rotation).norm();
@@ -376,13 +359,6 @@ TEST(ScenePhase, AThirdOfATurnPermutesTheInputsOfThreeMuscles) {
     EXPECT_LT(apart(turned.arm.tip(q), plain.arm.tip(moved)), 1e-13) << name;
     EXPECT_GT(apart(turned.arm.tip(q), plain.arm.tip(q)), 0.05) << name;
   }
-}
-
-TEST(ScenePhase, HalfATurnSwapsTheMusclesOfAPlanarArm) {
-  const Scene plain = shippedScene("planar_50");
-  const Scene turned = shippedScene("planar_50", {{"arm.sections.0.ring.phase_deg", "180"}});
-  EXPECT_LT(apart(turned.arm.tip(Eigen::Vector2d(3e5, 0)), plain.arm.tip(Eigen::Vector2d(0, 3e5))),
-            1e-12);
 }
 
 TEST(SceneLinks, PlatesAndToolArePartOfTheTip) {

@@ -17,7 +17,6 @@
 #include "helix_arm/simulation/rig.hpp"
 #include "scene_faults.hpp"
 #include "support/random.hpp"
-#include "support/refusal.hpp"
 
 namespace helix_arm::io {
 namespace {
@@ -217,19 +216,6 @@ TEST(ShippedScenes, TheAnnotatedSceneShowsTheDefaultsOfTheLoop) {
   const auto defaults = test::shippedScene("annotated", {{"follow", "{}"}}).follow;
   EXPECT_EQ(test::membersOf(shown), test::membersOf(defaults));
   EXPECT_NEAR(shown.filter.bias_rotation, defaults.filter.bias_rotation, 1e-4);
-}
-
-// ---- Names of scenes ----------------------------------------------------------------------------
-
-TEST(ScenePath, TheNameOfAShippedSceneIsItsFile) {
-  const std::vector<std::string> names = shippedNames(kShippedScenes);
-  EXPECT_TRUE(std::is_sorted(names.begin(), names.end()));
-  for (const char* const name : {"demo", "helical_50", "spatial_101", "annotated"}) {
-    EXPECT_TRUE(std::binary_search(names.begin(), names.end(), name)) << name;
-    const std::string path = scenePath(name);
-    EXPECT_TRUE(std::filesystem::is_regular_file(path)) << path;
-    EXPECT_EQ(loadScene(path).name, name);
-  }
 }
 
 }  // namespace

@@ -242,32 +242,5 @@ TEST(TipPathFile, AllFaultsAreReportedWithTheirLines) {
   EXPECT_EQ(faultsOf(kHeader + "0,0,0,0\n1e-6,0,0,0\n"), "") << "the shortest step";
 }
 
-// The rules of the file are those of the path.
-TEST(TipPathFile, APathIsMadeOfWhateverIsRead) {
-  test::Random random(2);
-  const double kEdges[] = {0, 1e-7, 1e-6, 1e6, -1e6, 1e6 + 1, -1e-7, -1e7, 1e300};
-  DataSet data;
-  data.columns = {"time_s", "x_m", "y_m", "z_m"};
-  data.lines = {2, 3, 4};
-  data.values.resize(3, 4);
-  int accepted = 0;
-  for (int k = 0; k < 20'000; ++k) {
-    for (int i = 0; i < data.values.size(); ++i) {
-      const bool edge = random.integer(0, 2) == 0;
-      data.values(i) = edge ? kEdges[random.integer(0, 8)] : random.uniform(-10, 1000);
-    }
-    if (random.integer(0, 1) == 0) data.values(1, 0) = data.values(0, 0) + 1.000001e-6;
-    std::vector<TipWayPoint> points;
-    try {
-      points = loadTipPath(data);
-    } catch (const DocumentError&) {
-      continue;
-    }
-    EXPECT_NO_THROW(control::TipPath path(points));
-    ++accepted;
-  }
-  EXPECT_GT(accepted, 500);
-}
-
 }  // namespace
 }  // namespace helix_arm::io

@@ -6,7 +6,6 @@
 
 #include <gtest/gtest.h>
 
-#include "basics/vector_clones.hpp"
 #include "helix_arm/basics/pi.hpp"
 #include "helix_arm/lie/se2.hpp"
 #include "helix_arm/lie/se3.hpp"
@@ -292,20 +291,6 @@ TEST(LogCoefficient, KeepsItsDigitsUpToAHalfTurnAndOnBothSidesOfItsSwitch) {
   // Its term in log is theta^2 / 12 of the whole, so these are less than one eps of a result.
   EXPECT_LE(worst, 16.0);
   EXPECT_LE(at_switch, 16.0);
-}
-
-// With fused products where the processor has them.
-HELIX_ARM_CLONES double remainderOf(double square, double root) {
-  return detail::squareRemainder(square, root);
-}
-
-TEST(SquareRemainder, KeepsItsDigitsWithFusedProductsToo) {
-  test::Random random(7);
-  for (int i = 0; i < 20000; ++i) {
-    const double root = random.logUniform(1e-100, 1e100);
-    const double square = root * root;
-    EXPECT_NEAR(remainderOf(square, root), -std::fma(root, root, -square), 1e-31 * square);
-  }
 }
 
 TEST(Coefficients, AreTheirLimitsAtZeroAndForDenormals) {

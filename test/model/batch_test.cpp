@@ -135,27 +135,6 @@ TEST(Batch, HandlesAnglesBeyondTheSeries) {
   EXPECT_LE(worstDifference(thinArm(5, 3), 2000, 77), 24.0);
 }
 
-// All tips of the batch, part by part, in both forms, are bitwise those of the whole batch.
-void expectIndependentOfPlace(const Arm& arm) {
-  constexpr std::size_t kCount = 1500;
-  const TipBatch batch(arm);
-  const std::vector<std::vector<double>> q = randomColumns(arm, kCount, 79);
-  const std::vector<double> whole = tipsOf(batch, q), rows = rowsOf(q);
-  for (const std::size_t part : {1, 2, 7, 8, 13, 255, 600}) {
-    std::vector<double> parts(3 * kCount), columns[3];
-    for (std::vector<double>& column : columns) column.resize(kCount);
-    for (std::size_t first = 0; first < kCount; first += part) {
-      const std::size_t count = std::min(part, kCount - first);
-      EXPECT_TRUE(batch.rows(arrayOf(rows, arm.actuatorCount(), first), count, &parts[3 * first]));
-      batch.columns(pointersTo(q, first).data(), count, &columns[0][first], &columns[1][first],
-                    &columns[2][first]);
-    }
-    EXPECT_EQ(parts, whole) << "rows in parts of " << part;
-    EXPECT_EQ(rowsOf({columns[0], columns[1], columns[2]}), whole)
-        << "columns in parts of " << part;
-  }
-}
-
 TEST(Batch, AgreesWithTheSingleCallOnBothSidesOfTheSeriesLimit) {
   const Arm arm = thinArm();
   std::vector<std::vector<double>> q(3);
@@ -180,13 +159,6 @@ TEST(Batch, AgreesWithTheSingleCallOnBothSidesOfTheSeriesLimit) {
   ASSERT_GT(near, 500);
   ASSERT_GT(far, 500);
   EXPECT_LE(worstDifference(arm, q), 12.0);
-}
-
-TEST(Batch, ATipDoesNotDependOnItsPlace) {
-  for (const Arm& arm : {test::ringArm(test::helicalRing()), test::ringArm(test::straightRing(4)),
-                         test::ringArm(test::straightRing(6), 2), thinArm(), thinArm(3, 2)}) {
-    expectIndependentOfPlace(arm);
-  }
 }
 
 TEST(Batch, LargeBatchesAreTheSameAtEveryAlignment) {

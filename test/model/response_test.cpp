@@ -113,44 +113,6 @@ TEST(Response, AStrokeOfTwiceTheLargestPlayWipesOutThePast) {
   ASSERT_GT(strokes, 50);
 }
 
-TEST(Response, ALargerExcursionWipesOutTheSmallerOnesWithinIt) {
-  Random random(4);
-  for (int trial = 0; trial < 200; ++trial) {
-    ResponseState direct = after(randomResponse(random), randomInputs(random, 5));
-    ResponseState winding = direct;
-    const double from = direct.lagged(), to = random.uniform(0, 5e5);
-    for (int i = 0; i < 10; ++i) winding.step(random.uniform(from, to), kRest);
-    winding.step(from, kRest);
-    winding.step(to, kRest);
-    direct.step(to, kRest);
-    EXPECT_EQ(winding.effective(), direct.effective());
-  }
-}
-
-TEST(Response, MinorLoopsBetweenTheSameInputsAreCongruent) {
-  Random random(5);
-  for (int trial = 0; trial < 100; ++trial) {
-    const Response response = randomResponse(random);
-    const double low = random.uniform(0, 2e5), high = low + random.uniform(1e3, 2e5);
-    std::vector<std::vector<double>> loops;
-    for (int past = 0; past < 2; ++past) {
-      ResponseState state = after(response, randomInputs(random, 10));
-      visit(state, {low, high, low, high, low});
-      std::vector<double>& loop = loops.emplace_back();
-      const double start = state.effective();
-      for (int i = 1; i <= 20; ++i) {
-        state.step(low + (high - low) * (i <= 10 ? i : 20 - i) / 10, kRest);
-        loop.push_back(state.effective() - start);
-      }
-      EXPECT_NEAR(loop.back(), 0, kRounding);  // it closes
-      EXPECT_GE(loop[4], 0);
-    }
-    for (std::size_t i = 0; i < loops[0].size(); ++i) {
-      EXPECT_NEAR(loops[0][i], loops[1][i], kRounding);
-    }
-  }
-}
-
 TEST(Response, TheEffectiveInputRisesWithTheInputAndStaysWithinTheInputsVisited) {
   Random random(6);
   for (int trial = 0; trial < 200; ++trial) {
@@ -488,15 +450,6 @@ TEST(ArmResponse, ATimeThatGoesBackRestarts) {
   EXPECT_EQ(effective.effective(), Eigen::Vector3d(2e5, 2e5, 2e5));
   EXPECT_EQ(effective.uncertainty(armWith(kTwoPlays)),
             Eigen::Vector3d::Constant(kTwoPlays.halfWidth()));
-}
-
-TEST(ArmResponse, WithoutResponsesReadingsPassBitForBit) {
-  ArmResponse effective(armWith({}));
-  effective.follow(0, Eigen::Vector3d(1e5, 2e5, kNaN));
-  effective.follow(1, Eigen::Vector3d(1.1e5, kNaN, 3e5));
-  EXPECT_EQ(effective.effective()[0], 1.1e5);
-  EXPECT_TRUE(std::isnan(effective.effective()[1]));
-  EXPECT_EQ(effective.effective()[2], 3e5);
 }
 
 TEST(ArmResponse, InputsGiveTheEffectiveOnesWithinWhatIsInReach) {

@@ -10,15 +10,15 @@
 #include "helix_arm/vision/camera_calibration.hpp"
 #include "support/has.hpp"
 #include "support/random.hpp"
+#include "support/shipped_scene.hpp"
 #include "support/test_size.hpp"
 
 namespace helix_arm::procedures {
 namespace {
 
+using test::demo;
 using test::Random;
 using vision::TagDetection;
-
-io::Scene demo() { return io::loadScene(HELIX_ARM_SOURCE_DIR "/config/scenes/demo.yaml"); }
 
 lie::Vector6 normals(Random& random, double translation, double rotation) {
   lie::Vector6 out;

@@ -15,6 +15,7 @@
 #include "support/random.hpp"
 #include "support/refusal.hpp"
 #include "support/scene_text.hpp"
+#include "support/shipped_scene.hpp"
 #include "support/table_faults.hpp"
 #include "support/temporary_file.hpp"
 
@@ -140,22 +141,6 @@ TEST(Captures, WhatDoesNotFitItsSceneIsAFault) {
   for (const auto& [scene, data, faults] : cases) EXPECT_EQ(faultsOf(scene, data), faults);
 }
 
-TEST(Captures, SeenJustNowAreCheckedAsThoseOfFiles) {
-  const io::Scene scene = sceneOf(kSpatialScene);
-  io::TagCornerCapture capture{1, Eigen::VectorXd::Constant(6, 50e3), {{1, {}}}};
-  capture.tags[0].corners << 100, 120, 120, 100, 130, 130, 110, 110;
-  EXPECT_EQ(makeCaptures(scene, {capture}, "record").captures.size(), 1u);
-  const auto refusal = [&scene](const io::TagCornerCapture& seen) {
-    return test::refusal<io::DocumentError>([&] { makeCaptures(scene, {seen}, "record"); });
-  };
-  io::TagCornerCapture high = capture, few = capture;
-  high.pressure[3] = 101e3;
-  few.pressure.conservativeResize(5);
-  EXPECT_EQ(refusal(high),
-            "record pressure_4_kpa is not within the limits of left, 0 kPa to 100 kPa");
-  EXPECT_EQ(refusal(few), "record has 5 pressures in capture 1; expected 6");
-}
-
 TEST(Captures, FreeLengthsAreInPascals) {
   const auto load = [](const std::string& text) {
     return effectiveSamples(lengthSeriesOf(io::loadDataSet(test::TemporaryFile(text).path())), {});
@@ -169,23 +154,10 @@ TEST(Captures, FreeLengthsAreInPascals) {
   EXPECT_THROW(load("pressure_1_kpa,curvature_rad\n0,1\n"), io::DocumentError);
 }
 
-TEST(Captures, AnArmIsDescribedAsItsSceneIs) {
-  const io::Scene scene = sceneOf(kSpatialScene);
-  const estimation::ArmCaptures arm = makeArmCaptures(scene, {});
-  EXPECT_EQ(arm.name, "rig");
-  EXPECT_FALSE(arm.planar);
-  EXPECT_EQ(arm.camera.focal(), 605);
-  EXPECT_EQ(arm.layout.tags.size(), 3u);
-  EXPECT_EQ(arm.X_CB.translation, scene.X_CB().translation);
-  const estimation::ArmCaptures flat = makeArmCaptures(sceneOf(kPlanarScene), {});
-  EXPECT_TRUE(flat.planar);
-  EXPECT_TRUE(flat.layout.tags.empty());
-}
-
 // The tip error of a scene, from the tags of captures.
 
 const io::Scene& demo() {
-  static const io::Scene kScene = io::loadScene(HELIX_ARM_SOURCE_DIR "/config/scenes/demo.yaml");
+  static const io::Scene kScene = test::demo();
   return kScene;
 }
 
@@ -327,18 +299,6 @@ TEST(SeriesRecord, KnowsThePressuresWhileNoPictureComes) {
     ++rows;
   }
   EXPECT_NEAR(rows, 4 / SeriesRecord::kSpacing, 4);
-}
-
-TEST(SeriesRecord, AveragesTheNoiseOfTheReadings) {
-  test::Random random(3);
-  SeriesRecord record(1);
-  for (int k = 0; k < 2000; ++k) {
-    record.measured(kReading * k, Eigen::VectorXd::Constant(1, 1e5 + 5e3 * random.normal()));
-  }
-  const Eigen::VectorXd pressure = record.series().history.input.col(0);
-  const double deviation = std::sqrt((pressure.array() - 1e5).square().mean());
-  // 21 readings each.
-  EXPECT_NEAR(deviation, 5e3 / std::sqrt(21), 0.25 * 5e3 / std::sqrt(21));
 }
 
 TEST(SeriesRecord, ATimeThatGoesBackStartsANewTrial) {

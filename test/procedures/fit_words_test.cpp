@@ -36,14 +36,6 @@ TEST(FitParameters, OptionsHoldWhatWasSet) {
   }
 }
 
-TEST(FitParameters, PriorsArePositive) {
-  for (const FitParameterInfo& info : estimation::fitParameters()) {
-    for (const estimation::FitNumber& number : info.numbers) {
-      EXPECT_GT(number.prior.deviation({}), 0) << info.word << number.suffix;
-    }
-  }
-}
-
 TEST(FitWords, NameParametersAndGroups) {
   const auto of = &estimation::fitParametersOf;
   const Parameters stiffness{FitParameter::kKappa, FitParameter::kGamma};
@@ -103,28 +95,6 @@ TEST(CalibrationWords, AValueHasTheDigitsThatItsErrorLeaves) {
             "K_kappa = 0.000117 +- 2.1e-06 m^2");
   EXPECT_EQ(textOf({"base_x", "m", 0, 0, 0.002, true}), "base_x = 0 +- 0.002 m");
   EXPECT_EQ(textOf({"K_gamma", "", 100, 61.6593, 0, true}), "K_gamma = 61.6593 +- 0");
-}
-
-TEST(CalibrationWords, TheResultLeadsWithTheTipError) {
-  EXPECT_EQ(resultText("demo", outcome()),
-            "tip error 14.3 mm before, 1.0 mm after; calibrated demo: K_gamma = 61.7 +- 9.2, "
-            "length_scale = 1.0092 +- 0.0019, pose of the base, places of 2 tags");
-}
-
-TEST(CalibrationWords, WhatIsKnownOfACombinationIsSaid) {
-  CalibrationOutcome tilted = outcome();
-  tilted.calibration->parameters.resize(2);
-  tilted.calibration->combinations = {
-      {"K_gamma^0.97 K_kappa^0.25", {{"K_gamma", 0.97}, {"K_kappa", 0.243}}, 6.1, 0.01234, true},
-      {"K_kappa^0.97 K_gamma^-0.25", {{"K_kappa", 0.97}, {"K_gamma", -0.243}}, 5e-5, 0.61, false}};
-  EXPECT_EQ(textOf(tilted.calibration->combinations.front()), "K_gamma^0.97 K_kappa^0.25 +- 1.2 %");
-  EXPECT_EQ(textOf(tilted.calibration->combinations.back()), "K_kappa^0.97 K_gamma^-0.25 +- 61 %");
-  tilted.calibration->combinations.back().relative_error = 2.7;
-  EXPECT_EQ(textOf(tilted.calibration->combinations.back()),
-            "K_kappa^0.97 K_gamma^-0.25 +- a factor of 15");
-  EXPECT_EQ(resultText("demo", tilted),
-            "tip error 14.3 mm before, 1.0 mm after; calibrated demo: K_gamma = 61.7 +- 9.2, "
-            "K_gamma^0.97 K_kappa^0.25 +- 1.2 %");
 }
 
 }  // namespace

@@ -8,6 +8,7 @@
 
 #include "helix_arm/procedures/follow_run.hpp"
 #include "support/random.hpp"
+#include "support/shipped_scene.hpp"
 #include "support/test_size.hpp"
 
 namespace helix_arm::procedures {
@@ -17,27 +18,25 @@ using estimation::BudgetPart;
 using estimation::TipErrorBudget;
 using test::Random;
 
-const std::string kDemo = std::string(HELIX_ARM_SOURCE_DIR) + "/config/scenes/demo.yaml";
-
 // The demo rig with another true arm (a common length scale of 1.2 % is what 2 % for each muscle by
 // itself amount to), and tags and camera that are misplaced as its priors say.
 io::Scene drawScene(unsigned seed, Random& random) {
   const auto text = [](double value) { return std::to_string(value); };
-  return io::loadScene(
-      kDemo, {{"simulation.arm.K_gamma_scale", text(std::exp(0.3 * random.normal()))},
-              {"simulation.arm.K_kappa_scale", text(std::exp(0.3 * random.normal()))},
-              {"simulation.arm.length_scale", text(std::exp(0.012 * random.normal()))},
-              {"simulation.mounts.tag_translation_m", "0.0005"},
-              {"simulation.mounts.tag_rotation_deg", "0.5"},
-              {"simulation.mounts.camera_translation_m", "0.001"},
-              {"simulation.mounts.camera_rotation_deg", "0.25"},
-              {"simulation.mounts.seed", std::to_string(seed)},
-              {"tags.placement_prior.translation_m", "0.0005"},
-              {"tags.placement_prior.rotation_deg", "0.5"},
-              {"vision.base_prior.translation_m", "0.001"},
-              {"vision.base_prior.rotation_deg", "0.25"},
-              // So that the noise of the first reading never keeps the arm from being enabled.
-              {"safety.vented_below_kpa", "30"}});
+  return test::demo(
+      {{"simulation.arm.K_gamma_scale", text(std::exp(0.3 * random.normal()))},
+       {"simulation.arm.K_kappa_scale", text(std::exp(0.3 * random.normal()))},
+       {"simulation.arm.length_scale", text(std::exp(0.012 * random.normal()))},
+       {"simulation.mounts.tag_translation_m", "0.0005"},
+       {"simulation.mounts.tag_rotation_deg", "0.5"},
+       {"simulation.mounts.camera_translation_m", "0.001"},
+       {"simulation.mounts.camera_rotation_deg", "0.25"},
+       {"simulation.mounts.seed", std::to_string(seed)},
+       {"tags.placement_prior.translation_m", "0.0005"},
+       {"tags.placement_prior.rotation_deg", "0.5"},
+       {"vision.base_prior.translation_m", "0.001"},
+       {"vision.base_prior.rotation_deg", "0.25"},
+       // So that the noise of the first reading never keeps the arm from being enabled.
+       {"safety.vented_below_kpa", "30"}});
 }
 
 FollowPlan drawPlan(const io::Scene& scene, unsigned seed, Random& random) {
@@ -107,8 +106,8 @@ TEST(FollowBudget, IsThatOfTheLastPicture) {
 }
 
 TEST(FollowBudget, TakesPriorsOfPlacementsOrTheErrorsOfACalibration) {
-  io::Scene scene = io::loadScene(kDemo, {{"tags.placement_prior.translation_m", "0.003"},
-                                          {"tags.placement_prior.rotation_deg", "2"}});
+  io::Scene scene = test::demo({{"tags.placement_prior.translation_m", "0.003"},
+                                {"tags.placement_prior.rotation_deg", "2"}});
   const double degree = std::acos(-1.0) / 180;
   const auto deviations = [&scene] { return loopConfigOf(scene).placed->deviations; };
   EXPECT_NEAR(deviations().tags[7][1], 0.003, 1e-12);

@@ -7,15 +7,13 @@
 
 #include "helix_arm/control/tip_path.hpp"
 #include "support/has.hpp"
+#include "support/shipped_scene.hpp"
 
 namespace helix_arm::procedures {
 namespace {
 
 using follow::LoopState;
-
-io::Scene demo(const std::vector<io::Override>& changes = {}) {
-  return io::loadScene(std::string(HELIX_ARM_SOURCE_DIR) + "/config/scenes/demo.yaml", changes);
-}
+using test::demo;
 
 // Tips in the middle of the demo arm's reach.
 const Eigen::Vector3d kLeft(0.36, 0.03, 0.02), kRight(0.36, -0.03, 0.0), kFar(0.6, 0.0, 0.0);
@@ -139,17 +137,6 @@ TEST(FollowRun, MeasurementsComeLateAndNotWhileTheCameraIsBlind) {
   EXPECT_NEAR(result.states[2].time, 2.3 + 0.1, 0.05);
 }
 
-TEST(FollowRun, TheOpenLoopUsesTheModelAlone) {
-  FollowPlan plan = tipPlan({kLeft}, 4);
-  plan.open = true;
-  const io::Scene scene = demo();
-  const FollowResult result = runFollow(scene, plan);
-  EXPECT_EQ(statesOf(result), std::vector<LoopState>{LoopState::kOpen});
-  const Eigen::VectorXd& pressure = result.rows.back().pressure;
-  EXPECT_LT((scene.arm.tip(pressure).translation - kLeft).norm(), 1e-6);
-  EXPECT_GT(result.figures.steady_rms[0], 0.005);
-}
-
 TEST(FollowRun, ASceneOfHardwareIsSimulatedWithItsLag) {
   io::Scene scene = demo();
   scene.regulator.reset();
@@ -164,18 +151,6 @@ TEST(FollowRun, AnArmThatIsVentedEndsTheRun) {
   EXPECT_LT(result.rows.size(), 300u);
   EXPECT_TRUE(result.figures.steady_rms.empty());
   EXPECT_TRUE(test::has(result.vented, "muscle_"));
-}
-
-TEST(FollowRun, ProgressIsReportedEverySecondAndMayEndTheRun) {
-  std::vector<double> told;
-  const FollowResult result = runFollow(demo(), tipPlan({kLeft}, 10), [&told](double time) {
-    told.push_back(time);
-    return told.size() < 3;
-  });
-  ASSERT_EQ(told.size(), 3u);
-  for (int k = 0; k < 3; ++k) EXPECT_NEAR(told[k], k + 1, 1e-9);
-  EXPECT_EQ(result.rows.size(), 300u);
-  EXPECT_TRUE(result.figures.steady_rms.empty());
 }
 
 TEST(FollowRun, PathsAreCheckedWithModelAndSlewRatesOfTheScene) {

@@ -7,12 +7,12 @@
 
 #include "helix_arm/follow/path_check.hpp"
 #include "helix_arm/io/calibrated_scene.hpp"
-#include "helix_arm/procedures/budget_table.hpp"
 #include "helix_arm/procedures/contact_proof.hpp"
 #include "helix_arm/procedures/follow_run.hpp"
 #include "support/has.hpp"
 #include "support/refusal.hpp"
 #include "support/scene_text.hpp"
+#include "support/shipped_scene.hpp"
 #include "support/temporary_file.hpp"
 #include "support/test_size.hpp"
 
@@ -20,6 +20,7 @@ namespace helix_arm::procedures {
 namespace {
 
 using estimation::ArmFilterOptions;
+using test::demo;
 
 io::Scene sceneOf(const std::string& more) {
   return io::sceneOfText(test::kPlanarScene + more, "scene.yaml");
@@ -141,13 +142,12 @@ std::string placement(const std::string& name, const char* x, const char* errors
 }
 
 TEST(LoopConfig, PlacementsCountAsTheCalibrationFoundThem) {
-  const std::string demo = HELIX_ARM_SOURCE_DIR "/config/scenes/demo.yaml";
   const char *sure[] = {"0.0004", "0.001"}, *prior[] = {"0.002", "0.052"};
-  const std::string text =
-      io::sceneText(demo, {}) + calibration(placement("base", "_x", sure, true) + ", " +
-                                            placement("tag_1", "_along", sure, true) + ", " +
-                                            placement("tag_2", "_along", prior, false));
-  const io::Scene scene = io::sceneOfText(text, "calibrated.yaml"), before = io::loadScene(demo);
+  const std::string text = io::sceneText(test::shippedPath("demo"), {}) +
+                           calibration(placement("base", "_x", sure, true) + ", " +
+                                       placement("tag_1", "_along", sure, true) + ", " +
+                                       placement("tag_2", "_along", prior, false));
+  const io::Scene scene = io::sceneOfText(text, "calibrated.yaml"), before = demo();
   EXPECT_EQ(localizerConfigOf(before).fit.base_prior.translation, 0.002);
   EXPECT_EQ(localizerConfigOf(scene).fit.base_prior.translation, 0.0004);
   EXPECT_EQ(localizerConfigOf(scene).fit.base_prior.rotation, 0.001);
@@ -168,26 +168,10 @@ TEST(LoopConfig, PlacementsCountAsTheCalibrationFoundThem) {
   EXPECT_EQ(uncalibratedTags(*placed.tags, {0, 1, 2, 3}), (std::vector<int>{2, 3}));
 }
 
-TEST(LoopConfig, ASlowLoopIsWarnedOf) {
-  const auto warning = [](const char* mode) {
-    return loopWarning(loopConfigOf(sceneOf(std::string("follow: {mode_hz: ") + mode + "}\n")));
-  };
-  EXPECT_EQ(warning("2"), "");
-  EXPECT_EQ(warning("0.8"),
-            "follow: the loop smooths over 1.23 s, which is slow; stiffen or damp the arm, and "
-            "give paths rather than distant targets");
-}
-
 // ---- Proof of contacts --------------------------------------------------------------------------
 
 using follow::OnContact;
 using test::has;
-
-const std::string kDemo = std::string(HELIX_ARM_SOURCE_DIR) + "/config/scenes/demo.yaml";
-
-io::Scene demo(const std::vector<io::Override>& changes = {}) {
-  return io::loadScene(kDemo, changes);
-}
 
 ContactProof proofOf(const estimation::QuietScore& quiet, const io::Scene& scene = demo()) {
   return contactProof(scene, quiet);
@@ -241,15 +225,6 @@ TEST(ContactProof, AnArmYieldsIfItWasWatchedForLongAndFindsAForceOfANewton) {
   EXPECT_TRUE(has(blind.doubt, "a force of 1.1 N across the resting tip")) << blind.doubt;
 }
 
-TEST(ContactProof, AnArmOfUnknownStiffnessHasForcesPerStiffness) {
-  const io::Scene scene =
-      io::loadScene(std::string(HELIX_ARM_SOURCE_DIR) + "/config/scenes/spatial_50.yaml");
-  ASSERT_FALSE(scene.model.load());
-  const ContactProof proof = contactProof(scene, {10, 200, 0.05});
-  EXPECT_TRUE(proof.normalised);
-  EXPECT_NEAR(900 * proof.force, proofOf({10, 200, 0.05}).force, 1e-12);
-}
-
 // The rig's true arm, which its model does not describe: pushes of the force that the proof says.
 TEST(ContactProof, TheForceThatItSaysIsFoundInNineOfTenPushes) {
   const io::Scene scene = demo({{"simulation.arm.K_eps_scale", "0.9"}});
@@ -282,50 +257,6 @@ TEST(ContactProof, TheForceThatItSaysIsFoundInNineOfTenPushes) {
               found, pushes);
   EXPECT_GE(found, test::isFullSize() ? 16 : test::leastOf(pushes, 0.9));
   EXPECT_LT(proof.force, 0.5);
-}
-
-// ---- The error budget as a table ----------------------------------------------------------------
-
-using estimation::BudgetPart;
-
-// Standard deviations of 1 to 5 mm along x, y and z, parts in their order.
-estimation::TipErrorBudget sample() {
-  estimation::TipErrorBudget out;
-  for (int i = 0; i < estimation::kBudgetPartCount; ++i) {
-    const double mm = 1e-3 * (i + 1);
-    out.parts[static_cast<std::size_t>(i)].covariance = mm * mm * Eigen::Matrix3d::Identity();
-  }
-  out.parts[static_cast<std::size_t>(BudgetPart::kUnexplained)].covariance.diagonal() << -4e-8,
-      9e-8, 0;
-  out.predicted.covariance = Eigen::Vector3d(1e-6, 4e-6, 9e-6).asDiagonal();
-  out.open_loop.covariance = 1e-4 * Eigen::Matrix3d::Identity();
-  out.error = Eigen::Vector3d(3e-3, 0, -4e-3);
-  out.distance2 = 6.25;
-  out.limit = 16.0;
-  return out;
-}
-
-TEST(BudgetTable, HasTheDeviationOfEachPartAlongEachAxisAndAtWorst) {
-  EXPECT_EQ(budgetTable(sample()),
-            "error budget of the tip, standard deviations in mm, seen from the base\n"
-            "                       x       y       z   worst\n"
-            "calibration         1.00    1.00    1.00    1.00\n"
-            "unexplained        -0.20    0.30    0.00    0.30\n"
-            "both together       0.98    1.04    1.00    1.04\n"
-            "pressure            3.00    3.00    3.00    3.00\n"
-            "placement           4.00    4.00    4.00    4.00\n"
-            "camera              5.00    5.00    5.00    5.00\n"
-            "predicted           1.00    2.00    3.00    3.00\n"
-            "open loop          10.00   10.00   10.00   10.00\n"
-            "negative: a variance that is taken from the rows above, in both together\n"
-            "measured - model    3.00    0.00   -4.00    5.00\n"
-            "the measured tip is inside: 2.5 of 4.0 sd of open loop and camera\n");
-}
-
-TEST(BudgetTable, ItsWorstIsAlongAnyDirection) {
-  estimation::TipErrorBudget budget = sample();
-  budget.predicted.covariance << 1e-6, 1e-6, 0, 1e-6, 1e-6, 0, 0, 0, 0;
-  EXPECT_TRUE(test::has(budgetTable(budget), "predicted           1.00    1.00    0.00    1.41\n"));
 }
 
 }  // namespace

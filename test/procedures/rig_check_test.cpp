@@ -13,13 +13,12 @@
 #include "support/has.hpp"
 #include "support/random.hpp"
 #include "support/sample_arm.hpp"
+#include "support/shipped_scene.hpp"
 
 namespace helix_arm::procedures {
 namespace {
 
-io::Scene sceneOf(const std::string& name, const std::vector<io::Override>& overrides = {}) {
-  return io::loadScene(HELIX_ARM_SOURCE_DIR "/config/scenes/" + name + ".yaml", overrides);
-}
+using test::shippedScene;
 
 // The findings of one check.
 std::vector<Finding> found(const io::Scene& scene, const std::string& check) {
@@ -37,8 +36,8 @@ void expectFinding(const std::string& scene, const std::vector<io::Override>& ov
                    const std::string& check, Severity severity, const std::string& culprit,
                    const std::string& value) {
   SCOPED_TRACE(check);
-  EXPECT_TRUE(found(sceneOf(scene), check).empty());
-  const auto findings = found(sceneOf(scene, overrides), check);
+  EXPECT_TRUE(found(shippedScene(scene), check).empty());
+  const auto findings = found(shippedScene(scene, overrides), check);
   ASSERT_FALSE(findings.empty());
   EXPECT_EQ(findings[0].severity, severity);
   EXPECT_EQ(findings[0].culprit, culprit);
@@ -63,7 +62,7 @@ void expectOneFault(const io::Scene& scene, const std::string& check, const std:
 }
 
 TEST(RigCheck, TheDemoRigHasNoFaultAndIsMeasuredEverywhere) {
-  const RigCheck check = checkRig(sceneOf("demo"));
+  const RigCheck check = checkRig(shippedScene("demo"));
   for (const Finding& finding : check.findings) {
     EXPECT_EQ(finding.severity, Severity::kNote) << finding.check << ": " << finding.value;
   }
@@ -94,20 +93,22 @@ TEST(RigCheck, TagsThatAreMountedWrongAreNamed) {
 // The skin of the demo arm has a radius of 37.4 mm, and its muscles are at 25.4 mm.
 TEST(RigCheck, ATagIsOffTheArmIfItStandsFartherFromTheSkinThanTheArmIsThick) {
   const auto off = [](const char* position) {
-    return found(sceneOf("demo", {{"tags.groups.0.position_m", position}}), "tag_off_arm").size();
+    return found(shippedScene("demo", {{"tags.groups.0.position_m", position}}), "tag_off_arm")
+        .size();
   };
   EXPECT_EQ(off("[0, 0, 0.049]"), 0u);
   EXPECT_EQ(off("[0, 0, 0.0497]"), 1u);
-  EXPECT_TRUE(found(sceneOf("helical_50"), "tag_off_arm").empty()) << "brackets of a real rig";
+  EXPECT_TRUE(found(shippedScene("helical_50"), "tag_off_arm").empty()) << "brackets of a real rig";
 }
 
 TEST(RigCheck, ATagOnTheEndMayFaceAlongTheArmButNotInward) {
   const auto with = [](const char* position, const char* rpy, const char* check) {
-    return culprits(sceneOf("demo", {{"tags.groups.0.s", "[0.04, 0.2, 0.36, 0.52, 0.68, 0.84, 1]"},
-                                     {"tags.groups.0.actuator", "muscle_1"},
-                                     {"tags.groups.0.position_m", position},
-                                     {"tags.groups.0.rpy_deg", rpy}}),
-                    check);
+    return culprits(
+        shippedScene("demo", {{"tags.groups.0.s", "[0.04, 0.2, 0.36, 0.52, 0.68, 0.84, 1]"},
+                              {"tags.groups.0.actuator", "muscle_1"},
+                              {"tags.groups.0.position_m", position},
+                              {"tags.groups.0.rpy_deg", rpy}}),
+        check);
   };
   // Turned about y: the face, z, points to x.
   EXPECT_EQ(with("[0, 0, -0.0254]", "[0, 90, 0]", "tag_inside_arm"), "tags 0, 1, 2, 3, 4, 5")
@@ -115,18 +116,6 @@ TEST(RigCheck, ATagOnTheEndMayFaceAlongTheArmButNotInward) {
   const std::string all = "tags 0, 1, 2, 3, 4, 5, 6";
   EXPECT_EQ(with("[0, 0, -0.0254]", "[0, -90, 0]", "tag_inside_arm"), all);
   EXPECT_EQ(with("[0, 0, 0.016]", "[180, 0, 0]", "tag_faces_inward"), all);
-}
-
-TEST(RigCheck, TagsOfOneFaultAreToldInOneLine) {
-  const auto at = [](const char* s) { return sceneOf("demo", {{"tags.groups.0.s", s}}); };
-  const io::Scene crowded = at("[0.04, 0.06, 0.08, 0.1, 0.12, 0.84, 1]");
-  EXPECT_EQ(culprits(crowded, "tags_overlap"),
-            "tags 0 and 1, 0 and 2, 1 and 2, 0 and 3, 1 and 3, 2 and 3, 1 and 4, 2 and 4, 3 and 4");
-  EXPECT_TRUE(test::has(found(crowded, "tags_overlap")[0].value, " to "));
-  // 21 pairs of seven tags, and one with a neighbour's: the end of the list is a number.
-  EXPECT_TRUE(
-      test::has(culprits(at("[0.04, 0.041, 0.042, 0.043, 0.044, 0.045, 0.046]"), "tags_overlap"),
-                " more pairs"));
 }
 
 TEST(RigCheck, WhatTheCameraDoesNotSeeIsNamed) {
@@ -149,25 +138,7 @@ TEST(RigCheck, WhatTheCameraDoesNotSeeIsNamed) {
                 "camera_distortion", Severity::kFault, "camera", "distance from the centre");
   expectFinding("demo", {{"camera.distortion", "[-0.3, 0, 0, 0]"}}, "camera_distortion",
                 Severity::kWarning, "camera", "cannot be inverted");
-  EXPECT_EQ(found(sceneOf("demo"), "tags_never_seen").size(), 1u);
-}
-
-// A camera so far away that a bit has 0.2 px.
-TEST(RigCheck, TagsThatCannotBeReadAreNotSeen) {
-  const io::Scene far = sceneOf("demo", {{"tags.size_m", "0.0015"}});
-  const RigCheck check = checkRig(far, 20);
-  ASSERT_TRUE(check.vision);
-  EXPECT_LT(check.vision->pixels_per_bit, kLeastPixelsPerBit);
-  EXPECT_EQ(check.vision->median_tags, 0);
-  EXPECT_EQ(check.vision->least_tags, 0);
-  EXPECT_EQ(check.vision->measured, 0);
-  const auto blind = found(far, "few_tags");
-  ASSERT_EQ(blind.size(), 1u);
-  EXPECT_EQ(blind[0].severity, Severity::kFault);
-  EXPECT_TRUE(test::has(blind[0].value,
-                        "in 100 % of the workspace the tags that are read do not tell the "
-                        "shape; fewest: 0"));
-  EXPECT_EQ(found(far, "tags_too_small").size(), 1u);
+  EXPECT_EQ(found(shippedScene("demo"), "tags_never_seen").size(), 1u);
 }
 
 TEST(RigCheck, NoShippedSceneHasAFault) {
@@ -194,18 +165,18 @@ TEST(RigCheck, CurvesThatHardlyMoveAMuscleAreNamed) {
 }
 
 TEST(RigCheck, ALoadThatNoMuscleBearsIsNamed) {
-  EXPECT_TRUE(found(sceneOf("loaded", {{"load.mass_kg", "90"}}), "K_eps").empty());
-  EXPECT_EQ(found(sceneOf("loaded", {{"load.mass_kg", "300"}}), "K_eps").size(), 1u);
+  EXPECT_TRUE(found(shippedScene("loaded", {{"load.mass_kg", "90"}}), "K_eps").empty());
+  EXPECT_EQ(found(shippedScene("loaded", {{"load.mass_kg", "300"}}), "K_eps").size(), 1u);
 }
 
 TEST(RigCheck, TheRegulatorIsHeldAgainstTheLimits) {
   expectFinding("demo", {{"regulator.simulated.supply_kpa", "300"}}, "supply", Severity::kWarning,
                 "muscle_1", "its limit is 413.7 kPa, and the supply gives 300 kPa");
-  EXPECT_TRUE(checkSupply(sceneOf("demo"), 413686).empty());
-  EXPECT_EQ(checkSupply(sceneOf("demo"), 413685).size(), 1u);
-  EXPECT_EQ(found(sceneOf("demo_modbus"), "no_watchdog").size(), 1u);
-  EXPECT_TRUE(found(sceneOf("demo_serial"), "no_watchdog").empty());
-  const auto watchdog = found(sceneOf("demo_serial"), "watchdog");
+  EXPECT_TRUE(checkSupply(shippedScene("demo"), 413686).empty());
+  EXPECT_EQ(checkSupply(shippedScene("demo"), 413685).size(), 1u);
+  EXPECT_EQ(found(shippedScene("demo_modbus"), "no_watchdog").size(), 1u);
+  EXPECT_TRUE(found(shippedScene("demo_serial"), "no_watchdog").empty());
+  const auto watchdog = found(shippedScene("demo_serial"), "watchdog");
   ASSERT_EQ(watchdog.size(), 1u);
   EXPECT_EQ(watchdog[0].value, "it vents by itself 0.5 s after the last line");
 }
@@ -214,12 +185,12 @@ TEST(RigCheck, ASupplyThatMayBeTooLowForTheLimitsIsNamed) {
   expectFinding("demo_modbus", {{"safety.min_supply_kpa", "299"}}, "min_supply", Severity::kWarning,
                 "safety.min_supply_kpa", "it is 299 kPa, below the limit of muscle_1, 300 kPa");
   EXPECT_TRUE(
-      found(sceneOf("demo_modbus", {{"safety.min_supply_kpa", "300"}}), "min_supply").empty());
+      found(shippedScene("demo_modbus", {{"safety.min_supply_kpa", "300"}}), "min_supply").empty());
 }
 
 // Of a scene made by a program; the rules of scene files refuse such limits themselves.
 TEST(RigCheck, ADeviceThatCannotGiveTheLimitsIsNamed) {
-  io::Scene scene = sceneOf("demo_modbus");
+  io::Scene scene = shippedScene("demo_modbus");
   auto& device = std::get<regulator::ModbusConfig>(*scene.regulator).profile;
   device.highest_count = 3000;
   EXPECT_TRUE(found(scene, "device_range").empty());
@@ -228,19 +199,8 @@ TEST(RigCheck, ADeviceThatCannotGiveTheLimitsIsNamed) {
                  "it accepts at most 299.9 kPa, and the limit of muscle_1 is 300 kPa");
 }
 
-TEST(RigCheck, ASerialDeviceThatCannotGiveTheLimitsIsNamed) {
-  const std::string limit = "arm.sections.0.ring.max_pressure_kpa",
-                    table = "contractions.muscle.table";
-  const std::string curve = "{pressure_kpa: [0, 200, 400], length_m: [0.2, 0.18, 0.16]}";
-  EXPECT_TRUE(
-      found(sceneOf("demo_serial", {{table, curve}, {limit, "300"}}), "device_range").empty());
-  expectFinding("demo_serial", {{table, curve}, {limit, "301"}}, "device_range", Severity::kFault,
-                "ascii_serial generic at /tmp/helix_arm_regulator",
-                "it accepts at most 300 kPa, and the limit of muscle_1 is 301 kPa");
-}
-
 TEST(RigCheck, ADeviceWithTooFewChannelsIsNamed) {
-  io::Scene scene = sceneOf("demo_serial");
+  io::Scene scene = shippedScene("demo_serial");
   auto& board = std::get<regulator::SerialConfig>(*scene.regulator).profile;
   EXPECT_EQ(board.channels, 8) << "docs/board.md";
   board.channels = 3;
@@ -249,7 +209,7 @@ TEST(RigCheck, ADeviceWithTooFewChannelsIsNamed) {
   expectOneFault(scene, "device_channels", "ascii_serial generic at /tmp/helix_arm_regulator",
                  "it has at most 2 channels, and the arm needs 3");
   // Slots count from 0, and a scene may leave some out.
-  io::Scene terminal = sceneOf("demo_modbus");
+  io::Scene terminal = shippedScene("demo_modbus");
   std::get<regulator::ModbusConfig>(*terminal.regulator).slots.back() = 15;
   EXPECT_TRUE(found(terminal, "device_channels").empty());
   std::get<regulator::ModbusConfig>(*terminal.regulator).slots.back() = 16;
@@ -266,19 +226,19 @@ TEST(RigCheck, ALoadThatBucklesTheArmIsNamed) {
 }
 
 TEST(RigCheck, WhatTheSceneLeavesOutIsANote) {
-  const RigCheck check = checkRig(sceneOf("demo_serial"), 10);
+  const RigCheck check = checkRig(shippedScene("demo_serial"), 10);
   EXPECT_FALSE(check.vision);
   EXPECT_FALSE(check.hasFault());
   for (const char* const name : {"no_tags", "no_camera"}) {
-    EXPECT_EQ(found(sceneOf("demo_serial"), name).size(), 1u) << name;
+    EXPECT_EQ(found(shippedScene("demo_serial"), name).size(), 1u) << name;
   }
-  const std::string text = io::sceneText(HELIX_ARM_SOURCE_DIR "/config/scenes/demo_serial.yaml");
+  const std::string text = io::sceneText(test::shippedPath("demo_serial"));
   const io::Scene still = io::sceneOfText(text.substr(0, text.find("\nregulator:") + 1), "still");
   const auto findings = found(still, "no_regulator");
   ASSERT_EQ(findings.size(), 1u);
   EXPECT_EQ(findings[0].severity, Severity::kNote);
   EXPECT_EQ(findings[0].value, "scene demo_serial has none, so that nothing moves");
-  EXPECT_TRUE(found(sceneOf("demo_serial"), "no_regulator").empty());
+  EXPECT_TRUE(found(shippedScene("demo_serial"), "no_regulator").empty());
 }
 
 // ---- Where tags are mounted ---------------------------------------------------------------------
@@ -349,39 +309,6 @@ TEST(UnrolledTags, ATiltedFaceAndAShiftAlongTheArmAreTold) {
   EXPECT_NEAR(unroll(tag).from_base, 0.097, kTolerance);
   tag.X_ST.rotation = tag.X_ST.rotation * AngleAxisd(kPi, Vector3d::UnitX()).toRotationMatrix();
   EXPECT_NEAR(unroll(tag).tilt, kPi - 0.2, 1e-9) << "it faces the arm";
-}
-
-TEST(UnrolledTags, AnglesDoNotReachAWholeTurn) {
-  for (const double rounding : {-1e-17, 0.0, 1e-17}) {
-    estimation::TagPlacement tag = tagAt(0, 0.05);
-    tag.X_ST.translation.z() = rounding;
-    EXPECT_LT(unroll(tag).angle, 1e-9);
-  }
-  EXPECT_NEAR(unroll(tagAt(-0.001, 0.05)).angle, 2 * kPi - 0.001, 1e-9);
-}
-
-TEST(UnrolledTags, OnTheCentreLineTheFaceTellsTheSide) {
-  const UnrolledTag tag = unroll(tagAt(2.0, 0.0, 0.3));
-  EXPECT_NEAR(tag.angle, 2.0, 1e-9);
-  EXPECT_NEAR(tag.turn, 0.3, 1e-9);
-  EXPECT_EQ(tag.radius, 0);
-  EXPECT_NEAR(tag.tilt, 0, 1e-7);
-}
-
-TEST(UnrolledTags, ABracketOfTheHelicalArmIsAsTheSceneGivesIt) {
-  // 42.545 mm above its muscle and 11.7094 mm aside, in a frame that is tilted by 15 degrees.
-  const io::Scene scene =
-      io::loadScene(std::string(HELIX_ARM_SOURCE_DIR) + "/config/scenes/helical_50.yaml");
-  const double tilt = 15 * kPi / 180;
-  const std::vector<UnrolledTag> tags = unrolled(scene.arm, *scene.tags);
-  ASSERT_EQ(tags.size(), 8u);
-  for (const UnrolledTag& tag : tags) {
-    EXPECT_EQ(scene.arm.actuator(tag.actuator).name,
-              tag.id == 10 || tag.id == 11 || tag.id >= 30 ? "muscle_2" : "muscle_3");
-    EXPECT_NEAR(tag.standoff, 0.042545, 1e-9);
-    EXPECT_NEAR(tag.aside, 0.0117094 * std::cos(tilt), 1e-9);
-    EXPECT_NEAR(tag.from_base, tag.s * scene.arm.restLength(0) - 0.0117094 * std::sin(tilt), 1e-9);
-  }
 }
 
 }  // namespace

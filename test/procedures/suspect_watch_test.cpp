@@ -7,6 +7,7 @@
 
 #include "helix_arm/procedures/follow_run.hpp"
 #include "support/random.hpp"
+#include "support/shipped_scene.hpp"
 #include "support/test_size.hpp"
 
 namespace helix_arm::procedures {
@@ -56,11 +57,10 @@ TEST(SuspectWatch, NamesWhatIsWrongAndNoContact) {
       {"channel_dead muscle_2", [](Actuators& all) { weaken(all[1], 0.003); }},
       {"pressure_gain muscle_1", [](Actuators& all) { weaken(all[0], 0.6); }},
   };
-  const std::string demo = std::string(HELIX_ARM_SOURCE_DIR) + "/config/scenes/demo.yaml";
   const std::string four = "{count: 4, radius_m: 0.03, contraction: fig3_muscle}";
   for (const io::Scene& scene :
-       {io::loadScene(demo), io::loadScene(demo, {{"arm.sections[0].ring", four},
-                                                  {"simulation.arm", "{length_scale: 1.01}"}})}) {
+       {test::demo(),
+        test::demo({{"arm.sections[0].ring", four}, {"simulation.arm", "{length_scale: 1.01}"}})}) {
     for (const auto& mistake : mistakes) {
       for (int seed = 1; seed <= test::draws(1, 2); ++seed) {
         const FollowResult result = runOn(scene, seed, mistake.change);

@@ -1,14 +1,10 @@
 """Whatever is passed in, an exception names argument and rule; the interpreter stays."""
 import pathlib
-import sys
 import unittest
 import warnings
 
 import helix_arm
 import numpy as np
-
-sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
-from test_size import draws
 
 GOOD = np.array([1e5, 2e5, 0.0])
 
@@ -118,64 +114,6 @@ class RuleTest(unittest.TestCase):
         self.refuses(helix_arm.DocumentError, ["arm.stiffness.K_gamma"], load, "demo", {"arm.stiffness.K_gamma": -1})
         self.refuses(TypeError, ["overrides['load']"], load, "demo", {"load": object()})
         load(pathlib.Path(load("demo").path))
-
-
-class RandomCallTest(unittest.TestCase):
-    CALLS = draws(2_000, 10_000)
-
-    def value(self, random):
-        """Mostly wrong in one way or another."""
-        kind = random.integers(12)
-        shape = tuple(random.integers(0, 5, random.integers(0, 4)))
-        if kind < 5:
-            shape = [(3,), (2, 3), (0, 3), (1, 6), (2, 1, 6)][kind]
-        numbers = random.choice([0.0, 1e5, -1.0, 1e300, np.nan, np.inf, 0.3]) * random.uniform(0, 1, shape)
-        layout = random.integers(7)
-        if layout == 0:
-            numbers = np.asfortranarray(numbers)
-        elif layout == 1 and numbers.ndim:
-            numbers = np.repeat(numbers, 2, axis=-1)[..., ::-2]
-        elif layout == 2:
-            numbers = np.asarray(numbers).astype(random.choice([np.float32, np.int64, np.complex128, ">f8", "U5", object]))
-        elif layout == 3:
-            numbers = np.asarray(numbers)
-            numbers.setflags(write=False)
-        elif layout == 4:
-            numbers = np.asarray(numbers).tolist()
-        elif layout == 5 and random.integers(3) == 0:
-            return random.choice(np.array([None, "text", b"bytes", 3, -1, 2.5, True, {}, object(), 10**30], dtype=object))
-        return numbers
-
-    def test_only_named_exceptions_leave(self):
-        random = np.random.default_rng(20)
-        scenes = [helix_arm.Scene.load(name) for name in ["demo", "planar_50", "loaded"]]
-        arguments = {
-            "forward": ["pressures_pa", "threads"], "tips": ["pressures_pa", "out", "threads"],
-            "curve": ["pressures_pa", "points"], "jacobian": ["pressures_pa", "threads", "by"],
-            "inverse": ["tip", "pose", "twists", "start", "prefer", "cocontraction", "threads"],
-            "workspace": ["points", "seed", "sensitivity"], "fit": ["captures"], "localize": ["image", "pressures_pa"],
-            "calibrate": ["data", "fit", "contraction", "curvature_noise_rad", "corner_noise_px", "position_noise_m",
-                          "rotation_noise_rad", "rest_offset_m", "errors"], "follow": ["tips", "path", "seconds", "sight", "force", "blind", "seed"],
-        }
-        refused = 0
-        for _ in range(self.CALLS):
-            name = str(random.choice(list(arguments)))
-            # The run of a follow() that is right takes seconds.
-            given = {one: self.value(random) for one in arguments[name] if random.integers(3) > 0}
-            if name == "jacobian" and random.integers(3) > 0:
-                given["by"] = random.choice(["pressures", "lengths", "stiffness", "load", "tip"], random.integers(4)).tolist()
-            if isinstance(given.get("points"), int):
-                given["points"] = min(given["points"], 1000)
-            if name == "follow":
-                given["seconds"] = 0.1 if random.integers(50) == 0 else self.value(random)
-            try:
-                getattr(scenes[random.integers(len(scenes))], name)(**given)
-            except (TypeError, ValueError, MemoryError) as error:
-                refused += 1
-                self.assertTrue(str(error))
-                self.assertNotIn("incompatible function arguments", str(error))
-        self.assertGreater(refused, self.CALLS // 2)
-        self.assertLess(refused, self.CALLS, "no call was right")
 
 
 if __name__ == "__main__":

@@ -66,24 +66,6 @@ class SharedArrayTest(unittest.TestCase):
         self.check(lambda p: scene.curve(p, points=3).positions, pressures_of(scene, 1000), 100)
         self.check(lambda p: scene.jacobian(p).tip_by_pressures, pressures_of(scene, 1000), 50)
 
-    def test_closed_form_of_other_arms(self):
-        for name, rows in [("planar_50", 30_000), ("tapered_50_25", 3_000)]:
-            scene = helix_arm.Scene.load(name)
-            for order in ["C", "F"]:
-                self.check(scene.tips, np.array(pressures_of(scene, rows), order=order), 100)
-
-    def test_under_load(self):
-        scene = helix_arm.Scene.load("loaded")
-        self.check(scene.tips, pressures_of(scene, 300), 30)
-        self.check(lambda p: scene.forward(p).twists, pressures_of(scene, 300), 30)
-
-    def test_starts_of_the_inverse(self):
-        scene = helix_arm.Scene.load("spatial_50")
-        starts = pressures_of(scene, 100)
-        tips = scene.tips(starts)
-        self.check(lambda p: scene.inverse(tips, start=p).pressures_pa, starts, 30)
-
-
 # Daemon threads are within calls when the interpreter ends. Names with an underscore are the first that it clears, so their __del__
 # runs between its end and that of the process: there, other calls return and their threads ask for the interpreter.
 ENDING = """

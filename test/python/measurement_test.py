@@ -61,12 +61,8 @@ class SimulatedRigTest(unittest.TestCase):
         series = {"time_s": 1e4 * np.arange(len(tips)), **{f"pressure_{i + 1}_kpa": self.pressures[:, i] / 1e3 for i in range(3)},
                   **{f"{axis}_m": tips[:, k] for k, axis in enumerate("xyz")}}
         self.assertAlmostEqual(self.scene.evaluate(series).rms, 5e-3, places=6)
-        planar = helix_arm.Scene.load("planar_76")
-        straight = {"pressure_1_kpa": np.zeros(2), "curvature_rad": np.array([0.1, 0.2])}
-        with self.assertWarns(UserWarning):
-            np.testing.assert_allclose(planar.evaluate(straight).errors, [-0.1, -0.2], atol=1e-9)
         with self.assertRaisesRegex(ValueError, "free lengths"):
-            planar.evaluate({"pressure_kpa": np.zeros(2), "length_m": np.ones(2)})
+            helix_arm.Scene.load("planar_76").evaluate({"pressure_kpa": np.zeros(2), "length_m": np.ones(2)})
 
     def test_localize_measures_pictures(self):
         from PIL import Image
@@ -153,13 +149,6 @@ class CalibrationTest(unittest.TestCase):
         for wrong, told in (({"trial": ["up"] * 160}, "time_s goes back"), (turns, "not of norm 1")):
             with self.assertRaisesRegex(helix_arm.DocumentError, told):
                 self.scene.calibrate({**data, **wrong}, fit="response")
-
-    def test_says_what_the_data_lack(self):
-        found = self.scene.calibrate({"pressure_1_kpa": np.full(3, 100.0), "curvature_rad": np.full(3, 0.5)})
-        self.assertFalse(found.success)
-        self.assertTrue(found.message)
-        self.assertEqual(found.scene_text, "")
-
 
 class FollowTest(unittest.TestCase):
     def test_the_loop_is_better_than_the_model_alone(self):

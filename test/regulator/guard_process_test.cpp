@@ -89,12 +89,6 @@ TEST_F(Noting, OutlivesAKilledProcessGroupAndNoticesIt) {
   EXPECT_EQ(told(), "");
 }
 
-TEST_F(Noting, SendsBeatsByItself) {
-  const GuardProcess guard(command());
-  EXPECT_TRUE(eventually([&] { return beats() >= 3; }));
-  EXPECT_EQ(told(), "");
-}
-
 TEST_F(Noting, ThatHasEndedNeverStood) {
   const GuardProcess guard({"/bin/true"});
   bool stood = false;
@@ -112,17 +106,6 @@ TEST_F(Noting, ThatIsKilledIsKnownToHaveEndedBeforeItMissesABeat) {
   ASSERT_EQ(kill(numberOfSingle(), SIGKILL), 0);
   ASSERT_EQ(waitid(P_PID, static_cast<id_t>(numberOfSingle()), nullptr, WEXITED | WNOWAIT), 0);
   EXPECT_EQ(guard.state(), Guard::kEnded);
-}
-
-TEST_F(Noting, IsReadyOnlyAfterItsFirstAnswer) {
-  const std::string go = folder_ / "go";
-  const GuardProcess guard(
-      {"/bin/sh", "-c", "until [ -e \"$1\" ]; do sleep 0.05; done; exec tee \"$0\" >&0 2>/dev/null",
-       note(), go});
-  EXPECT_EQ(guard.state(), Guard::kStarting);
-  EXPECT_EQ(beats(), 0U);
-  std::ofstream(go).put('\n');
-  EXPECT_TRUE(eventually([&] { return guard.state() == Guard::kStands; }));
 }
 
 TEST_F(Noting, IsNotReadyWhileStopped) {

@@ -194,16 +194,6 @@ TEST(ModbusTcpDriver, AppsAreAcknowledgedAndStartedVentedAndASlotThatDoesNotGetR
   EXPECT_EQ(device.valves()[4], Valve::kVent);
 }
 
-TEST(ModbusTcpDriver, ASlotThatDoesNotStartIsNamed) {
-  EmulatedDeviceConfig config = quietDevice(vtemProfile(), 2);
-  config.activation_time = 1e6;
-  EmulatedDevice device(config);
-  const auto driver = driverOf(vtemProfile(), device.port(), {0, 1});
-  expectHas(refusal<LinkError>([&] { driver->connect(); }),
-            {"slot 0 of festo_vtem does not start regulating within 0.3 s",
-             "its status is 0x007d, expected 0x0083"});
-}
-
 TEST(ModbusTcpDriver, ASlotThatStopsBreaksTheLink) {
   Connected at(vtemProfile(), 4, {0, 2});
   at.driver->write(regulate({1e5, 1e5}));

@@ -389,13 +389,6 @@ TEST_F(Path, ATargetReachesTheDeviceOnceEnabled) {
   EXPECT_EQ(device_.taken().valve, std::vector<Valve>(kChannels, Valve::kRegulate));
 }
 
-TEST_F(Path, ReadingsComeToTheCore) {
-  device_.read(Eigen::Vector2d(2e3, 3e3));
-  ASSERT_TRUE(turnUntil([&] {
-    return path_->news() != nullptr && path_->core().reading() == Eigen::Vector2d(2e3, 3e3);
-  }));
-}
-
 TEST_F(Path, ALinkThatDropsAndComesBackBetweenTwoTurnsHasDropped) {
   enable();
   const std::uint64_t breaks = path_->io()->breaks();

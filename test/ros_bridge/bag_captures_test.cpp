@@ -14,6 +14,7 @@
 #include "helix_arm/io/scene.hpp"
 #include "support/random.hpp"
 #include "support/refusal.hpp"
+#include "support/shipped_scene.hpp"
 #include "support/temporary_file.hpp"
 #include "support/temporary_folder.hpp"
 #include "support/test_size.hpp"
@@ -21,7 +22,7 @@
 namespace helix_arm::ros_bridge {
 namespace {
 
-io::Scene demo() { return io::loadScene(HELIX_ARM_SOURCE_DIR "/config/scenes/demo.yaml"); }
+using test::demo;
 
 // A recording of an arm that is at once where it is commanded to: pressures at 50 Hz, pictures at
 // 10 Hz, written a picture's time after they were taken.
@@ -100,21 +101,6 @@ TEST(BagCaptures, AreTakenWheneverTheArmIsAtRest) {
     EXPECT_EQ(samples[1].tags[1].id, 8);
     EXPECT_NEAR(samples[1].tags[0].corners(1, 3), 100 + 7 + 3 + 1e2, 1e-9);
   }
-}
-
-TEST(BagCaptures, CountFromOneAndLieInsideTheLimits) {
-  const io::Scene scene = demo();
-  procedures::Sample sample{1.0, Eigen::Vector3d(-200, 1e5, 413.8e3), {}};
-  sample.tags.push_back({3, Eigen::Matrix<double, 2, 4>::Constant(7)});
-  const auto captures = numbered({sample, sample}, scene.arm);
-  ASSERT_EQ(captures.size(), 2u);
-  EXPECT_EQ(captures[0].number, 1);
-  EXPECT_EQ(captures[1].number, 2);
-  EXPECT_EQ(captures[0].pressure[0], 0);
-  EXPECT_EQ(captures[0].pressure[1], 1e5);
-  EXPECT_EQ(captures[0].pressure[2], scene.arm.actuator(2).limits.upper);
-  ASSERT_EQ(captures[0].tags.size(), 1u);
-  EXPECT_EQ(captures[0].tags[0].corners, sample.tags[0].corners);
 }
 
 TEST(BagCaptures, AreDataLikeAnyOtherAndCountOn) {

@@ -83,23 +83,6 @@ TEST(Conversions, AShapeIsReadWithTheLinksOfItsArm) {
   EXPECT_LT((tip.translation - model::tipPose(shape).translation).norm(), 1e-14);
 }
 
-TEST(Conversions, ASenderThatKnowsOfNoPiecesIsUnderstood) {
-  const model::Twists twists = unevenShape().twists();
-  ArmShape msg = toShapeMsg({}, "linear", twists);
-  EXPECT_EQ(msg.pieces, 1U);
-  EXPECT_TRUE(msg.piece_twist.empty());
-  EXPECT_TRUE(msg.tier_reason.empty());
-  EXPECT_EQ(std::get<model::Twists>(control::checkTwists(2, msg.twist)), twists);
-  EXPECT_EQ(msg.twist[6 * 1 + 2], twists(2, 1)) << "section by section";
-  for (const std::uint32_t pieces : {1U, 0U}) {
-    msg.pieces = pieces;
-    const auto checked = fromMsg(msg, test::sampleArm(2), "arm_base");
-    ASSERT_TRUE(std::holds_alternative<model::Shape>(checked)) << pieces;
-    EXPECT_EQ(std::get<model::Shape>(checked).pieces(), twists);
-    EXPECT_EQ(std::get<model::Shape>(checked).piecesPerSection(), 1);
-  }
-}
-
 TEST(Conversions, PiecesThatMakeNoShapeAreRefused) {
   using control::Fault;
   const struct {

@@ -9,6 +9,7 @@
 
 #include "ros_bridge/cockpit/cockpit_view.hpp"
 #include "ros_bridge/common/arm_markers.hpp"
+#include "support/shipped_scene.hpp"
 #include "support/temporary_file.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -17,10 +18,6 @@ namespace {
 using visualization_msgs::Marker;
 
 constexpr char kTwoSections[] = HELIX_ARM_SOURCE_DIR "/test/ros_bridge/scenes/brisk.yaml";
-
-std::string shippedPath(const std::string& name) {
-  return HELIX_ARM_SOURCE_DIR "/config/scenes/" + name + ".yaml";
-}
 
 std::vector<Marker> inNamespace(const visualization_msgs::MarkerArray& array, const char* ns) {
   std::vector<Marker> out;
@@ -35,7 +32,7 @@ Eigen::Vector3d fromMsg(const geometry_msgs::Point& p) { return {p.x, p.y, p.z};
 // Of the model and of the measured shape: rviz draws no dashes from an odd number of points.
 TEST(VisionMarkers, CurvesEndAtTheTipOfATool) {
   const test::TemporaryFile file(
-      io::sceneText(shippedPath("demo"), {{"arm.tool", "{position_m: [0.05, 0.02, 0]}"}}));
+      io::sceneText(test::shippedPath("demo"), {{"arm.tool", "{position_m: [0.05, 0.02, 0]}"}}));
   const io::Scene scene = io::loadScene(file.path());
   const model::Shape shape = scene.model.solve(Eigen::Vector3d(2e5, 0, 1e5)).shape;
   ASSERT_TRUE(shape.links());
@@ -178,41 +175,6 @@ TEST(ArmCamera, TheArmFillsTheViewWhateverItsMountingIs) {
       EXPECT_GT(in_shorter_sides, 0.25);
     }
   }
-}
-
-// The first cockpit that knows its arm takes the view; the other leaves it alone from then on, and
-// a view that a user moved keeps focus, angles and distance.
-TEST(ArmCamera, IsTakenOnceAndKeepsWhatAUserHasMoved) {
-  const struct {
-    const char *target, *base;
-    bool changes;
-  } kRows[] = {{"arm_base", "arm_base", true},
-               {"arm_base", "left_arm_base", true},
-               {"arm_base", "right_arm_base", true},
-               {"right_arm_base", "right_arm_base", true},
-               {"right_arm_base", "left_arm_base", false},
-               {"world", "arm_base", false},
-               {"<Fixed Frame>", "left_arm_base", false}};
-  const Eigen::Vector3d down = -Eigen::Vector3d::UnitZ();
-  for (const auto& row : kRows) {
-    SCOPED_TRACE(std::string(row.target) + ", " + row.base);
-    const ArmCamera start{row.target, {0, 0, 0}, 1, 0.5, 2};
-    ASSERT_EQ(isToChange(start, row.base), row.changes);
-    if (!row.changes) continue;
-    const ArmCamera taken = changed(start, row.base, down, 0.3, 1.0);
-    EXPECT_FALSE(isToChange(taken, row.base));
-    for (const char* other : {"left_arm_base", "right_arm_base"}) {
-      EXPECT_EQ(isToChange(taken, other), taken.target == "arm_base") << other;
-    }
-  }
-  const ArmCamera mine{"arm_base", {0.1, 0, 0}, 1.0, 0.5, 2.0};
-  EXPECT_FALSE(isToChange(mine, "arm_base"));
-  ASSERT_TRUE(isToChange(mine, "left_arm_base")) << "no arm has this frame";
-  const ArmCamera next = changed(mine, "left_arm_base", down, 0.3, 1.0);
-  EXPECT_EQ(next.target, "left_arm_base");
-  EXPECT_EQ(next.focus, mine.focus);
-  EXPECT_EQ(std::tie(next.yaw, next.pitch, next.distance),
-            std::tie(mine.yaw, mine.pitch, mine.distance));
 }
 
 }  // namespace

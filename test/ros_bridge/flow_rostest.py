@@ -106,12 +106,6 @@ class SpatialFlow(Flow):
         self.assertGreater(self.scene.tips(command)[1], 0.05, "it bends towards it")
         self.assert_wait(lambda: int(self.diagnosed("targets").get("unreachable", 0)) >= 1)
 
-    def test_diagnostics_tell_rates_and_who_commands(self):
-        self.send_pressures([1e5, 1e5, 1e5])
-        self.assert_wait(lambda: self.diagnosed("targets").get("lease_holder") == rospy.get_name())
-        self.assertEqual(self.diagnosed("loop")["wanted_rate_hz"], "100.0")
-        self.assertGreater(float(self.diagnosed("loop")["rate_hz"]), 0)
-
     def test_targets_that_no_one_should_obey_are_dropped(self):
         """Each fault is a law of control/ or of the conversions; here one of each topic is dropped, answered and counted, and the
         arm stays."""

@@ -308,14 +308,6 @@ TEST_F(GoalWatchTest, APathThatTheLoopGivesUpEndsInContact) {
                {"it looks like a contact, and on_contact is STOP: ", "mend that, and send"});
 }
 
-TEST_F(GoalWatchTest, AJumpBackInTimeForgetsWhatWasWanted) {
-  ASSERT_FALSE(runTo(1.0));
-  ASSERT_FALSE(watch_.turn(50, turnAt(1.0)));
-  EXPECT_TRUE(watch_.momentOf(50.0));
-  EXPECT_FALSE(watch_.momentOf(49.9));
-  EXPECT_NEAR(watch_.momentOf(200.0)->path_time, 1.0, 1e-12) << "the last one";
-}
-
 constexpr double kNow = 100.0;  // [s]
 constexpr double kMoment = 1e-6;
 
@@ -377,31 +369,11 @@ TEST_F(TagMatching, AShapeWaitsForItsTimeOrForLaterTagsAndNoLonger) {
   EXPECT_FALSE(seen->tags);
 }
 
-TEST_F(TagMatching, ShapesKeepTheirOrder) {
-  matcher.addTags(stampOf(3), Indices{7}, kNow);
-  matcher.add(shapeOf(4), kNow);
-  matcher.add(shapeOf(3), kNow);
-  EXPECT_EQ(take(), -1);
-  EXPECT_EQ(take(kNow + 1.0), 4);
-  EXPECT_EQ(take(kNow + 1.0), 3);
-  EXPECT_EQ(seen->tags, Indices{7});
-}
-
 TEST_F(TagMatching, TagsWithoutAFitLeaveTheShapeWithoutTags) {
   matcher.addTags(stampOf(1), std::nullopt, kNow);
   matcher.add(shapeOf(1), kNow);
   EXPECT_EQ(take(), 1);
   EXPECT_FALSE(seen->tags);
-}
-
-TEST_F(TagMatching, AJumpBackInTimeForgetsTheTags) {
-  matcher.addTags(stampOf(5), Indices{5}, kNow);
-  matcher.addTags(stampOf(1), Indices{1}, kNow);
-  matcher.add(shapeOf(2), kNow);
-  EXPECT_EQ(take(), -1) << "tags of before the jump count as later ones";
-  matcher.addTags(stampOf(2), Indices{2}, kNow);
-  EXPECT_EQ(take(), 2);
-  EXPECT_EQ(seen->tags, Indices{2});
 }
 
 TagDetection detection(int id, bool fitted) {
@@ -476,25 +448,10 @@ TEST_F(CalibrationWatchTest, WhatLiesBeyondThreeSigmasForAMinuteIsToBeCalibrated
   EXPECT_EQ(note(70.3, 2.99, 0.1), "");
 }
 
-TEST_F(CalibrationWatchTest, AMomentWithinThemStartsTheMinuteAnew) {
-  note(10, 3.01, 0.1);
-  note(40, 2.99, 0.1);
-  note(41, 3.01, 0.1);
-  EXPECT_EQ(note(71, 3.01, 0.1), "");
-  EXPECT_NE(note(101.1, 3.01, 0.1), "");
-}
-
 TEST_F(CalibrationWatchTest, AnUncertainDeviationIsNoReason) {
   for (const double time : {0.0, 70.0}) EXPECT_EQ(note(time, 4, 0.34), "") << time;
   for (const double time : {100.0, 170.0}) note(time, 4, 0.33);
   EXPECT_NE(watch_.advice(), "");
-}
-
-TEST_F(CalibrationWatchTest, AJumpBackInTimeStartsTheMinuteAnew) {
-  note(1000, 4, 0.1);
-  EXPECT_EQ(note(10, 4, 0.1), "");
-  EXPECT_EQ(note(69, 4, 0.1), "");
-  EXPECT_NE(note(71, 4, 0.1), "");
 }
 
 }  // namespace

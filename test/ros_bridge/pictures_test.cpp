@@ -48,13 +48,6 @@ void expectRefusal(const Taken& taken, PictureFault fault, const char* word) {
   EXPECT_LT(refusal->message.size(), 400U);
 }
 
-TEST(Picture, Mono8IsTakenWithoutACopy) {
-  const auto image = toImageMsg({}, cv::Mat(4, 6, CV_8UC1, cv::Scalar(17)));
-  cv::Mat buffer;
-  const auto taken = fromMsg(image, buffer);
-  EXPECT_EQ(std::get<cv::Mat>(taken).data, image.data.data());
-}
-
 TEST(Picture, ColoursBecomeTheSameGrayInEveryEncoding) {
   const cv::Mat bgr = colours(9, 6);
   cv::Mat gray, converted;
@@ -214,14 +207,6 @@ TEST(PictureMailbox, IdleIsWhenNoneWaitsAndTheLastIsDone) {
   EXPECT_TRUE(came(idle));
 }
 
-TEST(PictureMailbox, TakeWaitsForAPicture) {
-  PictureMailbox mailbox;
-  auto taken = std::async(std::launch::async, [&] { return mailbox.take(); });
-  EXPECT_TRUE(waits(taken));
-  mailbox.put(pictureAt(1));
-  EXPECT_EQ(came(taken)->stamp, ros::Time(1));
-}
-
 TEST(PictureMailbox, StoppingEndsAllWaits) {
   PictureMailbox mailbox;
   auto taken = std::async(std::launch::async, [&] { return mailbox.take().has_value(); });
@@ -230,14 +215,6 @@ TEST(PictureMailbox, StoppingEndsAllWaits) {
   EXPECT_TRUE(waits(taken) && waits(slept));
   mailbox.stop();
   EXPECT_FALSE(came(taken) || came(slept));
-}
-
-TEST(PictureMailbox, SleepsUntilItIsDue) {
-  PictureMailbox mailbox;
-  const auto due = steady_clock::now() + std::chrono::milliseconds(20);
-  EXPECT_TRUE(mailbox.sleepUntil(due));
-  EXPECT_GE(steady_clock::now(), due);
-  EXPECT_TRUE(mailbox.sleepUntil(due));  // past
 }
 
 class History : public ::testing::Test {
@@ -270,12 +247,6 @@ TEST_F(History, BeyondItsReachThereIsNone) {
   EXPECT_EQ(markAt(10.0 + 0.99 * ModelHistory::kReach), 1);
   EXPECT_EQ(markAt(10.0 + 1.01 * ModelHistory::kReach), -1);
   EXPECT_EQ(markAt(10.0 - 1.01 * ModelHistory::kReach), -1);
-}
-
-TEST_F(History, OldOnesAreForgotten) {
-  add(10.0, 1);
-  add(10.0 + 1.01 * ModelHistory::kMemory, 2);
-  EXPECT_EQ(markAt(10.0), -1);
 }
 
 TEST_F(History, AJumpBackInTimeForgetsWhatWasAhead) {

@@ -103,17 +103,10 @@ class Loop(CommanderCase):
 
         self.assertEqual(self.send_pressures([0, 0, 0]).outcome, TargetStatus.REACHED)
         free, force = at_rest(), np.array([0, 0.3, -0.2])
-        first = len(self.truth)
         push(force)
         self.assert_wait(lambda: distance(self.truth[-1], free) > 1e-3)
         pulled = at_rest()
-
-        def along(truth):
-            return force @ (place(truth.tip.position) - place(free.tip.position))
-
-        self.assertGreater(along(pulled), 0)
-        # Bends overshoot by half of their step, at the demo's damping of 0.2; shear, the larger part, is there at once.
-        self.assertGreater(max(map(along, self.truth[first:])), 1.05 * along(pulled))
+        self.assertGreater(force @ (place(pulled.tip.position) - place(free.tip.position)), 0)
         push([0, 0, -0.2], torque=0.01)
         self.assertTrue(self.rig.prints("~tip_force: the torque is (0.01, 0, 0) N m"), self.rig.output())
         self.assertLess(distance(at_rest(), pulled), 1e-5, "it stays")

@@ -13,7 +13,6 @@ sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "..
 from helix_arm.msg import PressureArray, SafetyState, TargetStatus  # noqa: E402
 from processes import SOURCE  # noqa: E402
 from ros_case import RosCase  # noqa: E402
-from test_size import full_size_only  # noqa: E402
 
 BRISK = SOURCE + "/test/ros_bridge/scenes/brisk.yaml"
 THREE_ROWS = ("_data:=" + SOURCE + "/test/ros_bridge/series.csv", "_ramp_s:=0.2", "_hold_s:=0.5")
@@ -43,23 +42,6 @@ class Series(RosCase):
         target = PressureArray(pressure=7 * [1e5])
         self.assert_wait(lambda: answers.answer_to(publisher, target, 0.2).outcome == TargetStatus.REACHED)
         self.assertTrue(answers.next(is_of_series))
-
-    @full_size_only
-    def test_a_rest_of_somebody_else_also_reaches_who_gives_way(self):
-        answers, safety = self.inbox("/yield/target_status", TargetStatus), self.inbox("/yield/safety_state", SafetyState)
-        publisher = rospy.Publisher("/yield/pressure_target", PressureArray, queue_size=10)
-        target = PressureArray(pressure=7 * [1e5])
-        self.assert_wait(lambda: answers.answer_to(publisher, target, 0.2).outcome == TargetStatus.REACHED)
-        self.run_node("", command=["rosservice", "call", "/yield/pressure_command/rest"])
-        self.assert_wait(lambda: answers.answer_to(publisher, target, 0.2).fault == "rested")
-        # From its first target after the rest.
-        refused = [answers.next(lambda answer: answer.commander == "/yield/pressure_series" and (k or answer.fault == "rested"))
-                   for k in range(100)]
-        self.assertEqual({answer.fault for answer in refused}, {"rested"})
-        self.assertEqual(safety[-1].state, SafetyState.DISABLED, safety[-1])
-        self.assertTrue(rospy.ServiceProxy("/yield/pressure_command/enable", Trigger)().success)
-        self.assertTrue(answers.next(lambda answer: answer.commander == "/yield/pressure_series" and not answer.fault))
-
 
 class SeriesEnd(RosCase):
     """An arm of its own, whose commander may be silent for so long that only what the series says at its end brings it to

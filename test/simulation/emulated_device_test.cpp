@@ -2,12 +2,10 @@
 
 #include "helix_arm/simulation/emulated_device.hpp"
 
-#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <filesystem>
 #include <memory>
-#include <set>
 #include <thread>
 #include <vector>
 
@@ -102,20 +100,6 @@ TEST(SerialDevice, WithChecksumsALineWithoutOrWithAWrongOneIsRefused) {
   }
   EXPECT_TRUE(regulator::withoutChecksum(terminal.ask(line))) << "the line itself";
   EXPECT_EQ(device.setPoint()[0], 1e5);
-}
-
-TEST(SerialDevice, AHeldAlicatAcceptsSetPointsButFollowsThemOnlyWhenReleased) {
-  const EmulatedDevice device(configOf(test::alicatProfile(), {"A"}, 1));
-  Terminal terminal(device, "\r");
-  terminal.ask("AS20.00");
-  ASSERT_TRUE(eventually([&] { return device.pressure()[0] > 1.378e5; }));
-  terminal.ask("AHC");
-  EXPECT_EQ(device.valves(), std::vector<Valve>{Valve::kClose});
-  terminal.ask("AS0.00");
-  std::this_thread::sleep_for(std::chrono::duration<double>(5 * kTau));
-  EXPECT_GT(device.pressure()[0], 1.378e5);
-  terminal.ask("AC");
-  EXPECT_TRUE(eventually([&] { return device.pressure()[0] < 100; }));
 }
 
 TEST(SerialDevice, ACtrlPSendsOnceItIsSwitchedOnAndVentsByItsMode) {
@@ -320,47 +304,6 @@ TEST(ModbusDevice, RegistersThatAreNotItsOwnAreRefused) {
   EXPECT_EQ(device.taken(), 0u);
   EXPECT_TRUE(std::isinf(device.lastSetTime()));
   EXPECT_EQ(raw.read(40003, 2), (Words{0, 0}));  // and it is still there
-}
-
-TEST(ModbusDevice, ServesSeveralAtOnce) {
-  EmulatedDevice device(quietDevice(mpaProfile(), 1));
-  std::vector<std::unique_ptr<RawModbus>> clients;
-  for (int i = 0; i < 5; ++i) clients.push_back(std::make_unique<RawModbus>(device.port()));
-  for (int round = 0; round < 3; ++round) {
-    for (std::size_t i = 0; i < clients.size(); ++i) {
-      const auto count = static_cast<std::uint16_t>(100 * (i + 1));
-      ASSERT_TRUE(clients[i]->write(40003, {count}));
-      EXPECT_EQ(clients[(i + 1) % clients.size()]->read(40003, 1), (Words{count}));
-    }
-  }
-  EXPECT_EQ(device.connections(), 5);
-  EXPECT_EQ(device.taken(), 15u);
-  clients.resize(2);
-  EXPECT_TRUE(eventually([&] { return device.connections() == 2; }));
-}
-
-TEST(ModbusDevice, ItsNoiseIsThatOfItsRegulator) {
-  EmulatedDeviceConfig config = quietDevice(mpaProfile(), 1);
-  config.valves.noise = 5e3;
-  EmulatedDevice device(config);
-  const RawModbus raw(device.port());
-  std::set<std::uint16_t> seen;
-  for (int i = 0; i < 50; ++i) seen.insert(raw.read(45395, 1).at(0));
-  EXPECT_GT(seen.size(), 10u);
-  EXPECT_TRUE(std::any_of(seen.begin(), seen.end(), [](int word) { return word > 0x7fff; }));
-}
-
-TEST(ModbusDevice, ASilentDeviceAcceptsNothing) {
-  EmulatedDevice device(quietDevice(mpaProfile(), 1));
-  const RawModbus raw(device.port());
-  ASSERT_TRUE(raw.write(40003, {1000}));
-  device.setFault(DeviceFault::kSilence);
-  ASSERT_TRUE(raw.order(40003, 3000));
-  ASSERT_TRUE(eventually([&raw] { return raw.delivered(); }));
-  device.setFault(DeviceFault::kNone);
-  EXPECT_TRUE(eventually([&] { return device.connections() == 0; }));
-  EXPECT_EQ(device.setPoint()[0], 1e5);
-  EXPECT_EQ(RawModbus(device.port()).read(40003, 1), (Words{1000}));
 }
 
 }  // namespace

@@ -130,22 +130,6 @@ TEST(SimulatedCamera, ExposureScalesGrayLevelsUntilTheySaturate) {
   }
 }
 
-TEST(SimulatedCamera, TheSeedAndTheCallsDecideThePictures) {
-  SimulatedCameraConfig config;
-  config.clutter = 8;
-  config.occluders = 3;
-  const estimation::ArmView view = studio(distortingCamera(), {kBefore});
-  const vision::TagFamily family("36h11");
-  SimulatedCamera a(view, family, {}, config), b(view, family, {}, config);
-  config.seed = 2;
-  SimulatedCamera other(view, family, {}, config);
-  for (int i = 0; i < 5; ++i) {
-    const cv::Mat& picture = a.render(studioTwists());
-    EXPECT_TRUE(same(picture, b.render(studioTwists())));
-    EXPECT_FALSE(same(picture, other.render(studioTwists())));
-  }
-}
-
 TEST(SimulatedCamera, TagsThatShowTheirBacksOrAreBehindTheCameraOrOutOfThePictureAreNotDrawn) {
   const lie::SE3 back{Eigen::Matrix3d::Identity(), {0.0, 0.0, 0.3}};
   const lie::SE3 behind{Eigen::Vector3d(1, 1, 1).asDiagonal(), {0.0, 0.0, -0.3}};
@@ -228,27 +212,6 @@ TEST(SimulatedCamera, TheBodyHidesWhatIsBehindIt) {
   const cv::Mat with =
       SimulatedCamera(view, family, ArmBody{{0.035}}, sharpConfig()).render(straight).clone();
   EXPECT_TRUE(same(with, without));
-}
-
-TEST(SimulatedCamera, OccludersWanderAndHideTags) {
-  const estimation::ArmView view = studio(plainCamera(), {kBefore});
-  const cv::Mat clear = photograph(view, sharpConfig());
-  SimulatedCameraConfig config = sharpConfig();
-  config.occluders = 4;
-  SimulatedCamera camera(view, vision::TagFamily("36h11"), {}, config);
-  const cv::Rect face(cv::Point(322 - 38, 238 - 38), cv::Size(76, 76));
-  int hidden = 0, free = 0;
-  cv::Mat last = clear;
-  for (int i = 0; i < 300; ++i) {
-    const cv::Mat& picture = camera.render(studioTwists());
-    EXPECT_FALSE(same(picture, last)) << i;
-    const int changed = cv::countNonZero(picture(face) != clear(face));
-    if (changed > face.area() / 4) ++hidden;
-    if (changed == 0) ++free;
-    picture.copyTo(last);
-  }
-  EXPECT_GT(hidden, 5);
-  EXPECT_GT(free, 5);
 }
 
 TEST(SimulatedCamera, ClutterLooksLikeTagsAndIsNone) {

@@ -8,7 +8,6 @@
 #include <chrono>
 #include <cstdio>
 #include <fstream>
-#include <map>
 #include <set>
 
 #include <CLI/CLI.hpp>
@@ -23,35 +22,6 @@ namespace helix_arm::test {
 namespace {
 
 using simulation::DeviceFault;
-
-// Counts of times to 2 %: of limited size, however many they are.
-class LatencyHistogram {
- public:
-  void add(double seconds) {
-    ++counts_[static_cast<int>(std::floor(std::log(std::max(seconds, kLeast)) / kStep))];
-    ++total_;
-    most_ = std::max(most_, seconds);
-  }
-
-  std::uint64_t total() const { return total_; }
-  double most() const { return most_; }  //< [s]
-  // The time that a share of them does not exceed; 0 where there are none [s].
-  double quantile(double share) const {
-    double left = share * static_cast<double>(total_);
-    for (const auto& [bin, count] : counts_) {
-      left -= static_cast<double>(count);
-      if (left <= 0) return std::min(most_, std::exp(kStep * (bin + 1)));
-    }
-    return most_;
-  }
-
- private:
-  static constexpr double kLeast = 1e-6, kStep = 0.02;
-
-  std::map<int, std::uint64_t> counts_;
-  std::uint64_t total_ = 0;
-  double most_ = 0;
-};
 
 using SharedDevice = std::shared_ptr<simulation::EmulatedDevice>;
 
@@ -68,13 +38,10 @@ struct TroubleTally {
   // That had to end kEnabled and did not, after which pressure still stood, or in which it was
   // astray.
   int missed = 0;
-  LatencyHistogram decided;  //< from the trouble to the end of kEnabled
-  LatencyHistogram empty;    //< from the trouble to no pressure in any channel
 };
 
 struct SoakTally {
   std::array<TroubleTally, kTroubleCount> troubles;
-  LatencyHistogram writes;    //< from a target to the device's taking it
   std::uint64_t targets = 0;  //< that were taken
   int missed = 0;             //< of all troubles, and without one
   int unprovoked = 0;         //< faults without a trouble
@@ -170,7 +137,6 @@ class SoakedArm {
     const bool speaks = !(phase_ == Phase::kTrouble && trouble_ == kSilentCommander);
     if (speaks && path_.target(now_, goal_)) {
       ++tally_.targets;
-      if (pending_target_ == 0 && phase_ == Phase::kFollow) pending_target_ = now_;
     } else {
       path_.turn(now_);
     }
@@ -188,17 +154,11 @@ class SoakedArm {
   }
 
   void follow() {
-    const double written = device_->lastSetTime();
-    if (pending_target_ > 0 && written > pending_target_) {
-      tally_.writes.add(written - pending_target_);
-      pending_target_ = 0;
-    }
     if (!enabled()) {
       ++tally_.unprovoked;
       trouble_ = -1;
       missed_ = false;
       trouble_ended_ = now_;
-      pending_target_ = 0;
       tally_.last_reason = "without trouble: " + path_.core().reason() + " (" +
                            path_.io()->status().last_error + ")";
       enter(Phase::kRecover, kStranded);
@@ -211,7 +171,6 @@ class SoakedArm {
     trouble_ = trouble;
     trouble_began_ = now_;
     decided_ = emptied_ = missed_ = false;
-    pending_target_ = 0;
     ++tally_.troubles[static_cast<std::size_t>(trouble)].injected;
     if (isDevices(trouble)) device_->setFault(static_cast<DeviceFault>(trouble));
     if (trouble == kStopEngaged) path_.core().emergencyStop(now_, true);
@@ -288,19 +247,14 @@ class SoakedArm {
     return std::numeric_limits<double>::infinity();
   }
 
-  // Times of the trouble's tally, once each.
+  // What the trouble has led to.
   void note() {
     if (trouble_ < 0) return;
-    TroubleTally& tally = tally_.troubles[static_cast<std::size_t>(trouble_)];
     if (!decided_ && !enabled()) {
       decided_ = true;
       left_enabled_ = now_;
-      tally.decided.add(now_ - trouble_began_);
     }
-    if (decided_ && !emptied_ && empty()) {
-      emptied_ = true;
-      tally.empty.add(now_ - trouble_began_);
-    }
+    emptied_ = emptied_ || (decided_ && empty());
   }
 
   // Whichever rule sees it, and whatever the device says: where the air is not as commanded the arm
@@ -337,7 +291,6 @@ class SoakedArm {
   Eigen::VectorXd true_pressure_;
   std::vector<control::Persistence> astray_;  // (channels) while enabled
   double next_goal_ = 0;
-  double pending_target_ = 0;  //< whose write is waited for; 0: none
 
   Phase phase_ = Phase::kRecover;
   double phase_began_ = 0, phase_ends_ = 0;
@@ -400,16 +353,10 @@ double residentMegabytes() {
 void print(const std::string& name, const SoakTally& tally) {
   std::printf("\n%s: %llu targets taken, highest pressure %.2f of the limit\n", name.c_str(),
               static_cast<unsigned long long>(tally.targets), tally.highest);
-  std::printf("  target -> device write: p50 %.0f us, p99 %.0f us, most %.1f ms (%llu)\n",
-              1e6 * tally.writes.quantile(0.5), 1e6 * tally.writes.quantile(0.99),
-              1e3 * tally.writes.most(), static_cast<unsigned long long>(tally.writes.total()));
-  std::printf("  %-17s %8s %8s %7s   %-24s %-24s\n", "trouble", "injected", "endured", "missed",
-              "to the decision p50, p99", "to no pressure p50, p99");
+  std::printf("  %-17s %8s %8s %7s\n", "trouble", "injected", "endured", "missed");
   for (int i = 1; i < kTroubleCount; ++i) {
     const TroubleTally& t = tally.troubles[static_cast<std::size_t>(i)];
-    std::printf("  %-17s %8d %8d %7d   %8.3f s %8.3f s    %8.3f s %8.3f s\n", troubleName(i),
-                t.injected, t.endured, t.missed, t.decided.quantile(0.5), t.decided.quantile(0.99),
-                t.empty.quantile(0.5), t.empty.quantile(0.99));
+    std::printf("  %-17s %8d %8d %7d\n", troubleName(i), t.injected, t.endured, t.missed);
   }
   if (tally.unprovoked > 0) std::printf("  %d faults without trouble\n", tally.unprovoked);
   if (!tally.last_reason.empty()) std::printf("  last: %s\n", tally.last_reason.c_str());

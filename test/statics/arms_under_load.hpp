@@ -13,6 +13,7 @@
 namespace helix_arm::statics {
 
 using test::apart;
+using test::weightless;
 
 inline TierRequest request(Tier tier, std::optional<int> order = {}) {
   TierRequest out;
@@ -35,11 +36,6 @@ inline model::Arm randomRings(int sections, std::pair<int, int> muscles, double 
     parts.push_back(test::ringSection(ring, test::fig3Muscle()));
   }
   return model::Arm(std::move(parts));
-}
-
-/// K_eps without weight.
-inline Load weightless(int sections, double K_eps) {
-  return test::evenLoad(sections, Eigen::Vector3d::Zero(), 0.0, K_eps);
 }
 
 /// Of two sections: their weight, a force at the end of the last link, and a mass where the second

@@ -370,22 +370,6 @@ TEST(LoadedInverse, FindsInputsOfReachableTips) {
   }
 }
 
-TEST(LoadedInverse, SaysWhereALoadKeepsTheTipFromItsTarget) {
-  const model::Arm arm = test::softHelicalArm();
-  const ArmModel model =
-      modelOf(arm, test::weight(Posture::kHorizontal, 0.2, 900), Tier::kLoaded, 4);
-  InverseSolver solver(model);
-  const InverseResult& result = solver.toPosition({0.2, 0, 0.6}, arm.inputAt(0.2));
-  EXPECT_EQ(result.status, InverseStatus::kUnreachable);
-  EXPECT_GT(result.residual, 0.1);
-  test::Random random(37);
-  for (int i = 0; i < 2000; ++i) {
-    const Tip tip = model.tip(test::randomInput(arm, random));
-    EXPECT_GE((tip.tip.translation - Eigen::Vector3d(0.2, 0, 0.6)).norm(),
-              result.position_error - 1e-5);
-  }
-}
-
 TEST(LoadedInverse, ReachesPosesAndMeanTwists) {
   const model::Arm arm = test::softHelicalArm();
   const Load load = test::weight(Posture::kHorizontal, 0.2, 900);

@@ -348,21 +348,5 @@ TEST(Curve, IsAsGoodAsTheTipBetweenThePieces) {
   EXPECT_LT(between, 1e-4);
 }
 
-TEST(Curve, WithoutAShapeIsThatOfThePieces) {
-  const model::Arm arm = test::softHelicalArm();
-  const Load crushing = test::weight(Posture::kHorizontal, 1e5, 500);
-  const model::Twists twists = arm.twists(arm.inputAt(0.5));
-  ExactOptions few;
-  few.max_iterations = 10;
-  const ExactArm exact(arm, crushing, few);
-  const Solution solution = exact.solve(twists);
-  ASSERT_FALSE(solution.converged());
-  const auto curve = exact.curve(twists, 9);
-  ASSERT_EQ(curve.size(), 9u);
-  EXPECT_EQ(curve.back().X.translation, poseAt(solution.shape, 1.0).translation);
-  EXPECT_THROW(exact.curve(twists, 1), std::invalid_argument);
-  EXPECT_THROW(LoadedArm(arm, crushing, 5).curve(twists, 1), std::invalid_argument);
-}
-
 }  // namespace
 }  // namespace helix_arm::statics

@@ -171,20 +171,6 @@ TEST(Loaded, APerfectColumnPastItsLoadIsNotCalledBalanced) {
   }
 }
 
-TEST(Loaded, PlacesThatAreAllButOneAreTwo) {
-  const model::Arm arm = test::softHelicalArm();
-  Load load = test::weight(Posture::kHorizontal, 0.1, 900);
-  for (const double s : {0.3, std::nextafter(0.3, 1.0), std::nextafter(1.0, 0.0)}) {
-    load.points.push_back({0, s, 0.02});
-  }
-  const model::Twists twists = arm.twists(arm.inputAt(0.4));
-  const Solution exact = ExactArm(arm, load).solve(twists);
-  const Solution found = LoadedArm(arm, load, kMostOrder).solve(twists);
-  ASSERT_TRUE(exact.converged());
-  ASSERT_TRUE(found.converged());
-  EXPECT_LT((exact.tip.translation - found.tip.translation).norm(), 1e-9);
-}
-
 TEST(Loaded, FindsTheTipWithoutTheHeap) {
   const model::Arm arm = test::softHelicalArm();
   const LoadedArm loaded(arm, test::weight(Posture::kHorizontal, 0.2, 800), 5);

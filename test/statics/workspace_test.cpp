@@ -137,27 +137,6 @@ TEST(Workspace, SensitivityIsThatOfDifferencesOfTheModel) {
   }
 }
 
-TEST(Workspace, ActuatorsKeepTheirOwnStiffness) {
-  const model::Arm uniform = test::softHelicalArm();
-  const auto mixed = [&uniform](double gamma, double kappa) {
-    model::Section section;
-    for (int i = 0; i < uniform.actuatorCount(); ++i) {
-      model::Actuator actuator = uniform.actuator(i);
-      actuator.stiffness = {(10.0 + 20.0 * i) * gamma, 0.0, (1.0 + i) * 1e-4 * kappa};
-      section.actuators.push_back(actuator);
-    }
-    return model::Arm({section});
-  };
-  const WorkspacePoints points = Workspace(ArmModel(mixed(1, 1)), {1, true}).sample(0, 50);
-  for (int row = 0; row < points.count(); ++row) {
-    const Eigen::VectorXd q = points.inputs.row(row);
-    const Eigen::Vector3d tip = points.tips.row(row);
-    const double expected = std::hypot((mixed(1.01, 1).tip(q).translation - tip).norm(),
-                                       (mixed(1, 1.01).tip(q).translation - tip).norm());
-    EXPECT_NEAR(points.sensitivity(row, 2), expected, 1e-12);
-  }
-}
-
 // Upright and so heavy that it falls over from most shapes.
 TEST(Workspace, InputsWithoutBalanceAreLeftOutAndCounted) {
   Load load = kWeight;
@@ -326,39 +305,6 @@ TEST(WorkspaceExtremes, NoRandomSearchFindsATipFarBeyondThem) {
       EXPECT_LE(extent - WorkspaceExtremes::extent(which, sampled.of(which).tip),
                 found.beyond(sampled));
     }
-  }
-}
-
-TEST(WorkspaceExtremes, UnderLoadNoRandomSearchFindsMuchMore) {
-  test::Random random(108);
-  for (const RandomCase& one :
-       {RandomCase{{14}, false}, {{3, 3}, true}, {{5, 5, 4}, true}, {{5, 5, 4}, true}}) {
-    const model::Arm arm = randomArm(one.muscles, one.equal, random);
-    const ArmModel model(arm, {}, test::randomLoad(arm.sectionCount(), random),
-                         TierSetting{Tier::kLoaded, 4});
-    const WorkspaceExtremes sampled = sampledExtremes(model, 500);
-    const WorkspaceExtremes found = findExtremes(model, sampled);
-    expectTrue(model, sampled, found);
-    for (int which = 0; which < WorkspaceExtremes::kCount; ++which) {
-      const double extent = WorkspaceExtremes::extent(which, found.of(which).tip);
-      EXPECT_LE(farthest(model, which, test::draws(1, 4), 1e-2, random),
-                extent + 1e-3 * found.reach())
-          << which;
-    }
-  }
-}
-
-TEST(WorkspaceExtremes, AVentedStraightArmReachesAsFarAsItsMusclesAreLong) {
-  // Without pressure every muscle has its free length, and a curve is no longer than that.
-  for (const int sections : {1, 3, 5}) {
-    const ArmModel model(test::ringArm(test::straightRing(), sections));
-    const double vented = sections * test::fig3Muscle().length(0);
-    const WorkspaceExtremes sampled = sampledExtremes(model, 2000);
-    ASSERT_LT(sampled.reach(), vented - 1e-4) << "samples miss it";
-    const WorkspaceExtremes found = findExtremes(model, sampled);
-    expectTrue(model, sampled, found);
-    EXPECT_NEAR(found.reach(), vented, 1e-12);
-    EXPECT_NEAR(found.bounds().max().x(), vented, 1e-12);
   }
 }
 

@@ -45,10 +45,21 @@ inline statics::Load evenLoad(int sections, const Eigen::Vector3d& gravity, doub
   load.K_eps.assign(static_cast<std::size_t>(sections), K_eps);
   return load;
 }
+/// K_eps without weight.
+inline statics::Load weightless(int sections, double K_eps) {
+  return evenLoad(sections, Eigen::Vector3d::Zero(), 0.0, K_eps);
+}
 /// Of an arm of one section.
 inline statics::Load weight(Posture posture, double mass, double K_eps) {
   return posture == Posture::kHanging ? evenLoad(1, {kGravity, 0, 0}, mass, K_eps)
                                       : evenLoad(1, {0, 0, -kGravity}, mass, K_eps);
+}
+
+/// An arm that stands out horizontally under its weight and one at the tip.
+inline statics::Load horizontalLoad(int sections = 1, double mass = 0.25, double K_eps = 1000.0) {
+  statics::Load load = evenLoad(sections, {0, 0, -kGravity}, mass / sections, K_eps);
+  load.points.push_back({sections - 1, 1.0, 0.2 * mass});
+  return load;
 }
 
 /// One of the cases that the tiers are measured with (MODEL.md, section 4).

@@ -6,8 +6,6 @@
 #include <stdexcept>
 #include <vector>
 
-#include <sys/ioctl.h>
-
 #include "modbus/modbus.h"
 
 namespace helix_arm::test {
@@ -51,11 +49,6 @@ class RawModbus {
                                     high(word),
                                     low(word)};
     return modbus_send_raw_request(context_.get(), request, sizeof request) > 0;
-  }
-  /// Whether all that was sent has come to the server's machine.
-  bool delivered() const {
-    int waiting = 0;
-    return ioctl(modbus_get_socket(context_.get()), TIOCOUTQ, &waiting) == 0 && waiting == 0;
   }
 
  private:

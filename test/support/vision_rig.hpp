@@ -12,12 +12,9 @@
 #include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/vision/pictures.hpp"
 #include "support/ros_rig.hpp"
+#include "support/shipped_scene.hpp"
 
 namespace helix_arm::test {
-
-inline io::Scene shippedScene(const std::string& name) {
-  return io::loadScene(HELIX_ARM_SOURCE_DIR "/config/scenes/" + name + ".yaml");
-}
 
 inline Eigen::VectorXd vectorOf(const std::vector<double>& values) {
   return Eigen::Map<const Eigen::VectorXd>(values.data(), static_cast<Eigen::Index>(values.size()));
@@ -67,7 +64,7 @@ class CameraStandIn : public VisionListener {
  public:
   explicit CameraStandIn(const std::string& ns)
       : VisionListener(ns),
-        scene(shippedScene("demo")),
+        scene(demo()),
         camera_(scene.view(), vision::TagFamily(scene.vision.detector.family), {},
                 scene.simulation.camera),
         encoder_(90),

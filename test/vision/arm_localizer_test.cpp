@@ -1,8 +1,6 @@
 #include "helix_arm/vision/arm_localizer.hpp"
 
 #include <cmath>
-#include <cstdint>
-#include <vector>
 
 #include <gtest/gtest.h>
 #include <opencv2/imgproc.hpp>
@@ -117,63 +115,6 @@ TEST_F(ArmLocalizerTest, FewerTagsThanAskedForMakeNoMeasurement) {
             ObservationState::kMeasured);
 }
 
-TEST_F(ArmLocalizerTest, TagsOfOthersAreNamedAndLeftAlone) {
-  estimation::ArmView known = view_;
-  const model::Twists twists = twistsAt(1e5, 0, 0);
-  const auto visible = estimation::visibleTags(view_, twists, 0.6);
-  const int foreign = view_.layout.tags[visible.front().tag].id;
-  known.layout.tags.erase(known.layout.tags.begin() + visible.front().tag);
-  ArmLocalizer localizer(known, {});
-  const Observation& observation = localizer.locate(picture(twists), twists);
-  EXPECT_EQ(observation.state, ObservationState::kMeasured);
-  EXPECT_EQ(observation.unknown_ids, std::vector<int>{foreign});
-  EXPECT_LT(tipError(observation, twists), 0.0005);
-}
-
-TEST_F(ArmLocalizerTest, ATagSeenTwiceIsNamedAndNotUsed) {
-  const model::Twists twists = twistsAt(1e5, 0, 0);
-  cv::Mat gray = picture(twists);
-  // A printed copy of a tag, somewhere else in the picture.
-  const auto tag = estimation::visibleTags(view_, twists, 0.6).front();
-  const Eigen::Vector2d low = tag.corners.rowwise().minCoeff();
-  const Eigen::Vector2d high = tag.corners.rowwise().maxCoeff();
-  const cv::Rect patch(cv::Point2d(low.x() - 8, low.y() - 8),
-                       cv::Point2d(high.x() + 8, high.y() + 8));
-  const cv::Mat copy = gray(patch).clone();
-  copy.copyTo(gray(cv::Rect(60, 60, patch.width, patch.height)));
-  ArmLocalizer localizer(view_, {});
-  const int id = view_.layout.tags[tag.tag].id;
-  // In the second picture only the edges of the expected one are looked for.
-  for (int i = 0; i < 2; ++i) {
-    const Observation& observation = localizer.locate(gray, twists);
-    EXPECT_EQ(observation.whole_picture, i == 0);
-    EXPECT_EQ(observation.repeated_ids, std::vector<int>{id});
-    EXPECT_EQ(observation.state, ObservationState::kMeasured);
-    EXPECT_LT(tipError(observation, twists), 0.0005);
-    for (const auto& fitted : observation.fit.tags) EXPECT_NE(view_.layout.tags[fitted.tag].id, id);
-  }
-}
-
-TEST_F(ArmLocalizerTest, AMisplacedTagIsNamed) {
-  // The scene says that the tag sits 15 mm from where it does.
-  estimation::ArmView wrong = view_;
-  const model::Twists twists = twistsAt(1e5, 0, 0);
-  const auto visible = estimation::visibleTags(view_, twists, 0.6);
-  wrong.layout.tags[visible.front().tag].X_ST.translation.x() += 0.015;
-  ArmLocalizer localizer(wrong, {});
-  for (int i = 0; i < 2; ++i) {
-    const Observation& observation = localizer.locate(picture(twists), twists);
-    ASSERT_EQ(observation.state, ObservationState::kMeasured);
-    EXPECT_EQ(observation.fit.outliers(), 1);
-    for (const auto& tag : observation.fit.tags) {
-      EXPECT_EQ(tag.outlier, tag.tag == visible.front().tag);
-    }
-    EXPECT_LT(tipError(observation, twists), 0.003);
-    // It casts doubt on the fit once, and is then known for what it is.
-    EXPECT_EQ(observation.whole_picture, i == 0);
-  }
-}
-
 TEST_F(ArmLocalizerTest, TagsOfAnArmThatCannotHaveThisShapeAreNoFit) {
   // The tags are glued on in another order than the scene says.
   estimation::ArmView wrong = view_;
@@ -184,16 +125,6 @@ TEST_F(ArmLocalizerTest, TagsOfAnArmThatCannotHaveThisShapeAreNoFit) {
   ArmLocalizer localizer(wrong, {});
   const model::Twists twists = twistsAt(1e5, 0, 0);
   EXPECT_EQ(localizer.locate(picture(twists), twists).state, ObservationState::kNoFit);
-}
-
-TEST_F(ArmLocalizerTest, ResetForgetsTheLastPicture) {
-  ArmLocalizer localizer(view_, {});
-  const model::Twists twists = twistsAt(1e5, 0, 0);
-  const cv::Mat gray = picture(twists);
-  EXPECT_TRUE(localizer.locate(gray, twists).whole_picture);
-  EXPECT_FALSE(localizer.locate(gray, twists).whole_picture);
-  localizer.reset();
-  EXPECT_TRUE(localizer.locate(gray, twists).whole_picture);
 }
 
 // ---- Cameras that repeat a picture --------------------------------------------------------------
@@ -218,19 +149,6 @@ TEST(FrozenWatch, TheMotionCountsFromTheFirstOfEqualPictures) {
   const double part = 0.4 * FrozenWatch::kMotion;
   for (const int k : {0, 1, 2, 3, 4, 3, 2, 1, 0}) {
     EXPECT_EQ(watch.isFrozen(pictureOf(90), kTip + k * part * kAside), k > 2) << k;
-  }
-}
-
-TEST(FrozenWatch, OnePixelMakesAnotherPicture) {
-  cv::Mat picture = pictureOf(90);
-  for (const cv::Point& place : {cv::Point(0, 0), cv::Point(63, 47), cv::Point(31, 20)}) {
-    FrozenWatch watch;
-    EXPECT_FALSE(watch.isFrozen(picture, kTip));
-    ++picture.at<std::uint8_t>(place);
-    const Eigen::Vector3d far = kTip + kAside;
-    EXPECT_FALSE(watch.isFrozen(picture, far)) << place;
-    EXPECT_FALSE(watch.isFrozen(picture, far)) << "the model has not moved since";
-    EXPECT_TRUE(watch.isFrozen(picture, kTip));
   }
 }
 

@@ -301,30 +301,6 @@ TEST(BoardViews, AreChosenAtRestAndAtNewPlaces) {
   EXPECT_EQ(views.chosen().size(), 2u);
 }
 
-TEST(Coverage, CountsCellsThatHoldCorners) {
-  Coverage coverage({800, 600});
-  EXPECT_EQ(coverage.fraction(), 0);
-  EXPECT_EQ(coverage.emptiest(), "top left");
-  const auto add = [&coverage](double x, double y) { coverage.add({"", {{0, {0, 0}, {x, y}}}}); };
-  add(-0.5, -0.5);
-  EXPECT_NEAR(coverage.fraction(), 1.0 / 48, 1e-15);
-  add(99, 99);  // the same cell
-  EXPECT_NEAR(coverage.fraction(), 1.0 / 48, 1e-15);
-  for (int column = 0; column < 8; ++column) {
-    for (int row = 0; row < 6; ++row) {
-      if (column >= 5 && row >= 4) continue;
-      add(100 * column + 50, 100 * row + 50);
-    }
-  }
-  EXPECT_NEAR(coverage.fraction(), 42.0 / 48, 1e-15);
-  EXPECT_EQ(coverage.emptiest(), "bottom right");
-  for (const int column : {5, 6, 7}) {
-    for (const int row : {4, 5}) add(100 * column + 50, 100 * row + 50);
-  }
-  EXPECT_EQ(coverage.fraction(), 1);
-  EXPECT_EQ(coverage.emptiest(), "");
-}
-
 TEST(TagBoard, IdsCountRowByRowFromTheTopLeftCornersAreThoseOfTheBorder) {
   TagBoard board;
   board.first_id = 7;
@@ -465,15 +441,6 @@ TEST(CharucoObservation, CornersAreReadToATenthOfAPixel) {
   }
 }
 
-TEST(CharucoObservation, BoardsWithTheSmallestMarkersThatAreAcceptedAreRead) {
-  for (const char* const dictionary : {"DICT_4X4_50", "DICT_7X7_50"}) {
-    const CharucoBoard board{7, 9, 0.024, CharucoBoard::kLeastMarkerShare * 0.024, dictionary};
-    const std::size_t read = charucoObservation(board, "", portrait(board)).corners.size();
-    std::cout << dictionary << ": " << read << " of 48 corners\n";
-    EXPECT_GE(read, CharucoBoard::kLeastCorners) << dictionary;
-  }
-}
-
 TEST(CharucoObservation, AnotherBoardIsNotTakenForIt) {
   const CharucoBoard board;
   const cv::Mat picture = portrait(board);
@@ -489,25 +456,6 @@ TEST(CharucoObservation, AnotherBoardIsNotTakenForIt) {
   }
   EXPECT_TRUE(
       charucoObservation(board, "", cv::Mat(480, 640, CV_8UC1, cv::Scalar(128))).corners.empty());
-}
-
-TEST(CharucoObservation, OfAnUnnoticedFirstRowItsCornersAreShiftedByASquare) {
-  // Taken for a board that begins with a white square, all but the markers at the end of a row lie
-  // one square further to the left: the board is the same to a calibration.
-  const CharucoBoard board, legacy{7, 10, 0.024, 0.018, "DICT_4X4_50", true};
-  const cv::Mat picture = portrait(board);
-  const BoardObservation right = charucoObservation(board, "", picture);
-  const BoardObservation shifted = charucoObservation(legacy, "", picture);
-  ASSERT_GE(shifted.corners.size(), 30u);
-  std::vector<Eigen::Vector2d> shifts;
-  for (const BoardCorner& corner : shifted.corners) {
-    const auto same = std::find_if(
-        right.corners.begin(), right.corners.end(),
-        [&](const BoardCorner& one) { return (one.pixel - corner.pixel).norm() < 0.01; });
-    ASSERT_NE(same, right.corners.end());
-    shifts.push_back(corner.board - same->board);
-    EXPECT_LT((shifts.back() - shifts.front()).norm(), 1e-12);
-  }
 }
 
 TEST(CharucoObservation, AMarkerSeenTwiceIsNotUsed) {

@@ -55,15 +55,6 @@ TEST(Jpeg, GrayPicturesComeBack) {
   }
 }
 
-TEST(Jpeg, PartsOfPicturesAreEncodedAsTheyAre) {
-  const cv::Mat whole = grayPicture(200, 100);
-  const cv::Mat part = whole(cv::Rect(31, 17, 90, 60));
-  JpegEncoder encoder(80);
-  const Bytes bytes = encoder.encode(part);
-  EXPECT_EQ(bytes, encoder.encode(part.clone()));
-  EXPECT_EQ(bytes, JpegEncoder(80).encode(part)) << "nothing is left over from the last picture";
-}
-
 // JPEG's own definition of luma.
 TEST(Jpeg, ColoursAreReadAsTheirLuma) {
   const cv::Mat colour = colourPicture(160, 120);

@@ -54,37 +54,19 @@ std::map<std::string, cv::Mat> picturesIn(const fs::path& folder) {
   return pictures;
 }
 
-// Ids of family 36h11 that libapriltag finds by itself, with its own defaults.
-std::multiset<int> plainIds(const cv::Mat& picture, double decimate) {
+// How many tags of family 36h11 libapriltag finds by itself, with its own defaults.
+int plainCount(const cv::Mat& picture, double decimate) {
   apriltag_family_t* family = tag36h11_create();
   apriltag_detector_t* detector = apriltag_detector_create();
   apriltag_detector_add_family(detector, family);
   detector->quad_decimate = static_cast<float>(decimate);
   image_u8_t image{picture.cols, picture.rows, static_cast<int>(picture.step[0]), picture.data};
   zarray_t* found = apriltag_detector_detect(detector, &image);
-  std::multiset<int> ids;
-  for (int i = 0; i < zarray_size(found); ++i) {
-    apriltag_detection_t* tag = nullptr;
-    zarray_get(found, i, &tag);
-    ids.insert(tag->id);
-  }
+  const int count = zarray_size(found);
   apriltag_detections_destroy(found);
   apriltag_detector_destroy(detector);
   tag36h11_destroy(family);
-  return ids;
-}
-
-// Of groundtruth.txt, which has a picture a line, then the ids in it.
-std::map<std::string, std::multiset<int>> idsOf(const fs::path& path) {
-  std::map<std::string, std::multiset<int>> ids;
-  std::ifstream file(path);
-  for (std::string line; std::getline(file, line);) {
-    std::istringstream words(line);
-    std::string name;
-    words >> name;
-    for (int id; words >> id;) ids[name].insert(id);
-  }
-  return ids;
+  return count;
 }
 
 // Of a file with `id, (x y), (x y), (x y), (x y)` a line: what libapriltag said, but with the
@@ -343,82 +325,38 @@ INSTANTIATE_TEST_SUITE_P(Rooms, AlteredPhotograph, ::testing::ValuesIn(photograp
                            return std::string(photograph.param.name, 8);
                          });
 
-std::vector<TagDetection> detect(const cv::Mat& picture, double decimate, bool refine) {
-  DetectorConfig config;
-  config.quad_decimate = decimate;
-  config.refine_edges = refine;
-  return TagDetector(config).detect(picture);
-}
-
-TEST(RealTags, NoFewerIdsThanLibapriltagAndNoFalseOne) {
-  const fs::path folder = photographs("swat_mapping");
-  if (!fs::exists(folder)) GTEST_SKIP() << folder << " is absent";
-  const auto truth = idsOf(folder / "groundtruth.txt");
-  const auto pictures = picturesIn(folder);
-  ASSERT_GE(pictures.size(), 12u);
-  for (const double decimate : {1.0, 2.0}) {
-    if (decimate == 1.0 && !test::isFullSize()) continue;
-    int found = 0, plain = 0, all = 0;
-    for (const auto& [name, picture] : pictures) {
-      ASSERT_TRUE(truth.count(name)) << name;
-      std::multiset<int> ids;
-      for (const TagDetection& tag : detect(picture, decimate, true)) {
-        ids.insert(tag.id);
-        EXPECT_TRUE(truth.at(name).count(tag.id)) << name << " holds no tag " << tag.id;
-      }
-      const std::multiset<int> by_itself = plainIds(picture, decimate);
-      EXPECT_TRUE(std::includes(ids.begin(), ids.end(), by_itself.begin(), by_itself.end()))
-          << name << " at decimate " << decimate;
-      found += static_cast<int>(ids.size());
-      plain += static_cast<int>(by_itself.size());
-      all += static_cast<int>(truth.at(name).size());
-    }
-    EXPECT_GE(found, plain);
-    EXPECT_GT(plain, all / 2);
-    std::cout << "decimate " << decimate << ": " << found << " of " << all
-              << " tags found, libapriltag by itself " << plain << "\n";
-  }
-}
-
 TEST(RealTags, CornersAreThoseOfTheReference) {
   const fs::path folder = photographs("april_swarmathon");
   if (!fs::exists(folder)) GTEST_SKIP() << folder << " is absent";
   const auto pictures = picturesIn(folder);
   ASSERT_EQ(pictures.size(), 3u);
   for (const double decimate : {1.0, 2.0}) {
-    // The reference was made at decimate 1, without refinement.
-    for (const bool refine : {true, false}) {
-      if (decimate > 1 && !refine) continue;
-      double sum = 0;
-      int found = 0, plain = 0, all = 0, foreign = 0;
-      for (const auto& [name, picture] : pictures) {
-        auto truth = cornersOf((folder / name).replace_extension(".txt"));
-        all += static_cast<int>(truth.size());
-        plain += static_cast<int>(plainIds(picture, decimate).size());
-        for (const TagDetection& tag : detect(picture, decimate, refine)) {
-          const auto near = std::find_if(truth.begin(), truth.end(), [&](const auto& entry) {
-            return entry.first == tag.id &&
-                   (entry.second - tag.corners).colwise().norm().maxCoeff() < 3;
-          });
-          if (near == truth.end()) {
-            ++foreign;
-            continue;
-          }
-          sum += (near->second - tag.corners).squaredNorm() / 8;
-          truth.erase(near);
-          ++found;
-        }
+    DetectorConfig config;
+    config.quad_decimate = decimate;
+    TagDetector detector(config);
+    double sum = 0;
+    int found = 0, plain = 0, all = 0;
+    for (const auto& [name, picture] : pictures) {
+      auto truth = cornersOf((folder / name).replace_extension(".txt"));
+      all += static_cast<int>(truth.size());
+      plain += plainCount(picture, decimate);
+      for (const TagDetection& tag : detector.detect(picture)) {
+        const auto near = std::find_if(truth.begin(), truth.end(), [&](const auto& entry) {
+          return entry.first == tag.id &&
+                 (entry.second - tag.corners).colwise().norm().maxCoeff() < 3;
+        });
+        ASSERT_NE(near, truth.end()) << name << " holds no tag " << tag.id << " there";
+        sum += (near->second - tag.corners).squaredNorm() / 8;
+        truth.erase(near);
+        ++found;
       }
-      ASSERT_GT(found, 0);
-      EXPECT_GE(found, plain);
-      const double rms = std::sqrt(sum / found);
-      std::cout << "decimate " << decimate << (refine ? ", refined: " : ", not refined: ") << found
-                << " of " << all << " tags, libapriltag by itself " << plain << ", " << foreign
-                << " others, corners " << rms << " px RMS\n";
-      EXPECT_EQ(foreign, 0);
-      if (!refine) continue;
-      EXPECT_LE(rms, 0.3);
     }
+    ASSERT_GT(found, 0);
+    EXPECT_GE(found, plain);
+    const double rms = std::sqrt(sum / found);
+    std::cout << "decimate " << decimate << ": " << found << " of " << all
+              << " tags, libapriltag by itself " << plain << ", corners " << rms << " px RMS\n";
+    EXPECT_LE(rms, 0.3);
   }
 }
 

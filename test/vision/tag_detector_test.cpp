@@ -163,38 +163,6 @@ TEST(TagDetector, RegionsGiveWhatTheWholePictureGives) {
   }
 }
 
-TEST(TagDetector, PartsOfPicturesAreSearchedWhereTheyAre) {
-  TagDetector detector(configOf("36h11", 2));
-  cv::Mat large = paper(700, 500);
-  cv::Mat part = large(cv::Rect(101, 53, 480, 360));
-  page(detector.family()).copyTo(part);
-  EXPECT_EQ(detector.detect(part).size(), 9u);
-  expectSame(detector.detect(part), detector.detect(part.clone()), 0);
-}
-
-TEST(TagDetector, PicturesStayAsTheyAre) {
-  for (const double decimate : {1.0, 2.0}) {
-    for (const double sigma : {0.0, 0.8, -0.8}) {
-      DetectorConfig config = configOf("36h11", decimate);
-      config.quad_sigma = sigma;
-      TagDetector detector(config);
-      const cv::Mat picture = page(detector.family());
-      const cv::Mat before = picture.clone();
-      EXPECT_EQ(detector.detect(picture).size(), 9u) << decimate << " " << sigma;
-      EXPECT_EQ(cv::norm(picture, before, cv::NORM_INF), 0) << decimate << " " << sigma;
-    }
-  }
-}
-
-TEST(TagDetector, ThreadsChangeNothing) {
-  DetectorConfig config = configOf("36h11", 1);
-  TagDetector one(config);
-  config.threads = 3;
-  TagDetector three(config);
-  const cv::Mat picture = page(one.family());
-  expectSame(three.detect(picture), one.detect(picture), 0);
-}
-
 TEST(TagDetector, TagsAreSortedAndTwinsAreBothListed) {
   TagDetector detector(configOf("36h11", 1));
   cv::Mat picture = paper(400, 200);

@@ -298,21 +298,6 @@ TEST(Tracking, NothingExpectedSearchesTheWholePicture) {
   EXPECT_TRUE(full.track(gray, {{3, truth, true}}).whole_picture);
 }
 
-TEST(Tracking, TheWholePictureDoesNotRepeatWhatTheEdgesFound) {
-  Random random(11);
-  const std::vector<Drawn> tags = {{1, randomTag(random, {120, 120}, 50)},
-                                   {2, randomTag(random, {500, 300}, 50)}};
-  const cv::Mat gray = photograph(random, tags, {640, 480});
-  TagTracker edges = tracker();
-  const TrackResult& result =
-      edges.track(gray, {{1, tags[0].corners, true}, {2, moved(tags[1].corners, {-250, 0}), true}});
-  EXPECT_TRUE(result.whole_picture);
-  EXPECT_EQ(result.by_edges, 0);
-  ASSERT_EQ(result.tags.size(), 2U);
-  EXPECT_EQ(result.tags[0].id, 1);
-  EXPECT_EQ(result.tags[1].id, 2);
-}
-
 TEST(Tracking, StrangersAreNoticedEvery90PicturesThoughNothingIsMissing) {
   Random random(18);
   const std::vector<Drawn> tags = {{5, randomTag(random, {120, 120}, 50)},
