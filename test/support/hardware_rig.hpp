@@ -187,14 +187,23 @@ class HardwareLoop {
     text << "time_s,x_m,y_m,z_m\n0,0.38,0,0\n" << duration << ",0.35,0,0\n";
     path_.emplace(text.str(), ".csv");
     ros::param::del(ns_ + "/follow_path");  // those of the run before would stay
-    std::vector<std::string> command = {HELIX_ARM_FOLLOW_PATH, "__ns:=" + ns_,
-                                        "_path:=" + path_->path()};
-    command.insert(command.end(), more.begin(), more.end());
-    client = std::make_unique<Process>(command);
+    follow_ = {HELIX_ARM_FOLLOW_PATH, "__ns:=" + ns_, "_path:=" + path_->path()};
+    follow_.insert(follow_.end(), more.begin(), more.end());
+    client = std::make_unique<Process>(follow_);
   }
 
+  /// Whether the path comes to move the arm. A busy machine may trip the brisk rules of the scene
+  /// on the way: the client is then asked again.
   bool isUnderWay() {
-    return waitFor([this] { return rig.regulator.pressure().minCoeff() > 6e4; }, 60);
+    return waitFor(
+        [this] {
+          if (client->outputNow().find("the path was not followed") != std::string::npos) {
+            if (!enable()) return false;
+            client = std::make_unique<Process>(follow_);
+          }
+          return rig.regulator.pressure().minCoeff() > 6e4;
+        },
+        90);
   }
 
   HardwareRig rig;
@@ -202,6 +211,7 @@ class HardwareLoop {
   std::unique_ptr<Process> client;
 
  private:
+  std::vector<std::string> follow_;  // the client
   const std::string ns_;
   std::optional<TemporaryFile> path_;
 };
