@@ -2,9 +2,9 @@
 """Fits recordings of other people's arms in the arms' own geometry, and predicts trials that the fits have not seen.
 
 usage: real_arms.py FOLDER   the recordings: three_chamber_steps.csv with three_chamber_guess.yaml, two_section_steps.csv,
-                             koopman_arm.csv; those that are absent are left out
-Prints one row per arm: what was fitted, the RMS distance of the tip on trials left out, and with the offset of each trial
-taken off. The command helix_arm has to be on PATH. docs/real_arms.md explains each step.
+                             koopman_arm.csv, fabric_two_chambers.csv; those that are absent are left out
+Prints one row per arm: what was fitted, the RMS distance of the tip on trials left out, with the offset of each trial taken
+off, and that of a cubic of the pressures behind a lag, fitted to those trials without the part that it predicts. The command helix_arm has to be on PATH. docs/real_arms.md explains each step.
 """
 
 import csv
@@ -71,29 +71,45 @@ def two_section_scene(path):
 
 
 def koopman_scene(path):
-    """Contracting muscles around a spine above the plane of the dot; the tool is the beam, 34 units long. Sizes are guesses."""
+    """Contracting muscles around a spine whose end is 34 units above the plane of the dot. Sizes are guesses."""
     return new_scene(path, ["--length-m", "%g" % (20 * METRES_PER_UNIT), "--contraction", "0.03",
                             "--radius-m", "%g" % (2 * METRES_PER_UNIT), "--max-pressure-kpa", "%g" % (7 * KPA_PER_COMMAND)],
                      [("        contraction: muscle\n", "        contraction: muscle\n        phase_deg: 208\n"),
                       ("K_kappa_m2: 1.38e-4", "K_kappa_m2: %g" % (1.38 * METRES_PER_UNIT**2)),
-                      ("  sections:\n", "  tool: {position_m: [%g, 0, 0]}\n  sections:\n" % (34 * METRES_PER_UNIT))])
+                      ("\n# How the simulated rig", "\nmotion_capture: {frame: {position_m: [%g, 0, 0], rpy_deg: [0, -90, 0]}, beam_deg: [0, 0]}\n"
+                       "\n# How the simulated rig" % (54 * METRES_PER_UNIT))])
+
+
+def fabric_rows(path):
+    """The last third as a trial of its own, and the channels in the order in which the chambers follow each other in the scene."""
+    rows = rows_of(path)
+    for k, one in enumerate(rows):
+        one["trial"] = "seen" if k < 2 * len(rows) // 3 else "unseen"
+        one["pressure_1_kpa"], one["pressure_2_kpa"] = one["pressure_2_kpa"], one["pressure_1_kpa"]
+    return rows
+
+
+def fabric_scene(path):
+    """Two of four chambers in one body. Sizes are guesses."""
+    return new_scene(path, ["--chambers", "--muscles", "4", "--length-m", "0.28", "--contraction", "0.3", "--radius-m", "0.03",
+                            "--max-pressure-kpa", "75", "--tag-size-m", "0"], [])
 
 
 def predict(scene, rows, held_out, folder):
-    """Squares of the errors on the trials `held_out`, fitted to the others: (count, with offset, without)."""
+    """Squares of the errors on the trials `held_out`, fitted to the others: (count, with offset, without, of a cubic)."""
     fitted = folder / "fitted.yaml"
     seen = write([row for row in rows if row["trial"] not in held_out], folder / "seen.csv")
     unseen = write([row for row in rows if row["trial"] in held_out], folder / "unseen.csv")
     helix_arm("calibrate", scene, seen, "--fit", FIT, "--out", fitted)
     result = helix_arm("evaluate", fitted, unseen)
-    return result["rows"], result["rms_m"]**2 * result["rows"], result["rms_without_offset_m"]**2 * result["rows"]
+    return (result["rows"], *(result[key]**2 * result["rows"] for key in ("rms_m", "rms_without_offset_m", "baseline_rms_m")))
 
 
 def row(name, scene, rows, folds, folder, scale=1e3):
     found = [predict(scene, rows, held_out, folder) for held_out in folds]
     count = sum(one[0] for one in found)
-    errors = [scale * (sum(one[i] for one in found) / count)**0.5 for i in (1, 2)]
-    print("%-42s %8.2f %16.2f" % (name, *errors), flush=True)
+    errors = [scale * (sum(one[i] for one in found) / count)**0.5 for i in (1, 2, 3)]
+    print("%-42s %8.2f %16.2f %8.2f" % (name, *errors), flush=True)
     return errors[0]
 
 
@@ -101,7 +117,7 @@ def main(arguments):
     if len(arguments) != 1:
         sys.exit(__doc__.split("\n\n")[1])
     data = Path(arguments[0])
-    print("%-42s %8s %16s" % ("trials that the fit has not seen", "RMS", "about offsets"))
+    print("%-42s %8s %16s %8s" % ("trials that the fit has not seen", "RMS", "about offsets", "cubic"))
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         path = data / "three_chamber_steps.csv"
@@ -117,6 +133,10 @@ def main(arguments):
             even = ["2", "4", "6", "8", "10", "12"]
             row("Koopman arm, even trials from odd [units]", koopman_scene(folder / "koopman.yaml"), koopman_rows(path), [even],
                 folder, 1 / METRES_PER_UNIT)
+        path = data / "fabric_two_chambers.csv"
+        if path.exists():
+            row("fabric arm, last third from the rest [mm]", fabric_scene(folder / "fabric.yaml"), fabric_rows(path), [["unseen"]],
+                folder)
 
 
 if __name__ == "__main__":

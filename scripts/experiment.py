@@ -11,17 +11,20 @@ import signal
 import sys
 import time
 from pathlib import Path
-from typing import Callable, List, Sequence
+from typing import Callable, Dict, List, Optional, Sequence
 
 if sys.argv[1:] in (["-h"], ["--help"]):
     print(__doc__)
     sys.exit()
 sys.path.insert(0, str(Path(sys.argv[1]).resolve().parents[1] / "python3/dist-packages"))
 from helix_arm.experiments import EXPERIMENTS, Options, Progress, Result, SimulatedRig, measure, read_series, sheet  # noqa: E402
+from helix_arm.experiments.figures import Figure  # noqa: E402
+from helix_arm.experiments.protocol import Analysis, Recordings, parts_of  # noqa: E402
 from helix_arm.experiments.run import ALL, UNNAMED, estimate_s, measure_all, result_of, write  # noqa: E402
 from helix_arm.scene import Scene  # noqa: E402
 
 ANALYSE = "analyse"
+ALONE = ("hysteresis", "step", "creep")  # what recordings of any motion may tell, of one actuator at a time
 TELL_S = 120.0  # of the rig, between two lines on stderr
 DONE, NOT_POSSIBLE, CALLER_ERRED, INTERRUPTED = 0, 1, 2, 130
 HELP = """measure an arm by a fixed protocol: figures with standard errors, data sheet
@@ -30,7 +33,8 @@ Usage: helix_arm experiment [OPTIONS] NAME SCENE
 
 Positionals:
   NAME TEXT:{step,workspace,hysteresis,bode,repeatability,stiffness,payload,creep,all,analyse} REQUIRED
-                              experiment, or all of them, or analyse and the experiment of recordings
+                              experiment, or all of them, or analyse and the experiment of recordings, or all: hysteresis,
+                              step and creep of each actuator
   SCENE TEXT REQUIRED         scene file with camera and tags, or name of a shipped scene
   DATA TEXT ... REQUIRED      of analyse: series of the tip as helix_arm calibrate takes them, with commanded_1_kpa .. where known
 
@@ -74,7 +78,7 @@ def _check(given: argparse.Namespace) -> None:
     """Raises ValueError naming an argument, its value and its rule."""
     words = given.words
     analyses = words[:1] == [ANALYSE]
-    known = [*EXPERIMENTS] + ([] if analyses else [ALL])
+    known = [*EXPERIMENTS, ALL]
     name = words[1 if analyses else 0:][:1]
     if not name or name[0] not in known:
         raise ValueError(f"experiment: the name is {name[0] if name else 'missing'}; expected {', '.join(known)}"
@@ -112,10 +116,24 @@ def _analyse(given: argparse.Namespace) -> List[Result]:
         for trial, recording in read_series(Path(path), count).items():
             recordings[trial if trial not in recordings else f"{Path(path).stem} {trial}"] = recording
     names = scene.actuators if scene else [f"{UNNAMED}{i + 1}" for i in range(count)]
-    analysis = EXPERIMENTS[name].analyse(recordings, names, scene)
+    analyses = [(one, _analysis_of(one, recordings, names, scene)) for one in (ALONE if name == ALL else (name,))]
     if given.out:
-        return [write(name, [(name, analysis)], scene, f"recordings {', '.join(Path(one).name for one in files)}", Path(given.out))]
-    return [result_of(name, analysis, scene)]
+        return [write(name, analyses, scene, f"recordings {', '.join(Path(one).name for one in files)}", Path(given.out))]
+    return [result_of(one, analysis, scene) for one, analysis in analyses]
+
+
+def _analysis_of(name: str, recordings: Recordings, names: Sequence[str], scene: Optional[Scene]) -> Analysis:
+    """Figures of recordings, actuator by actuator where the protocol drives one alone; or why there are none."""
+    if name in ALONE:
+        recordings = {f"{trial} {i + 1}" if i > 0 else trial: part for trial, one in recordings.items()
+                      for i, part in enumerate(parts_of(one))}
+    found = EXPERIMENTS[name].analyse(recordings, names, scene)
+    known = {(one.name.split()[0], one.symbol) for one in found.figures if one.value is not None}
+    figures: Dict[str, Figure] = {}
+    for one in found.figures:
+        if one.value is not None or (one.name.split()[0], one.symbol) not in known:
+            figures.setdefault(one.name, one)
+    return Analysis(list(figures.values()), found.plots)
 
 
 def _measure(given: argparse.Namespace, stop: Callable[[], str]) -> List[Result]:

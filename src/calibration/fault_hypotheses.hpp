@@ -33,7 +33,7 @@ struct FaultSize {
 struct FaultHypothesis {
   std::string cause;
   std::string subject;  ///< empty: the muscle whose fitted length is the odd one
-  /// What to do, by a calibration without the mistake; nothing if that shows that there was none.
+  /// Remedy, by a calibration without the mistake; nothing if that shows that there was none.
   /// That of a mistake in pressures or in a recording does not depend on the calibration.
   std::function<std::optional<std::string>(double size, const Calibration&)> remedy;
 

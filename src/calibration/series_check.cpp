@@ -1,4 +1,4 @@
-#include <Eigen/QR>
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -6,6 +6,7 @@
 
 #include "helix_arm/basics/median.hpp"
 #include "helix_arm/calibration/series_fit.hpp"
+#include "series_problem.hpp"
 
 namespace helix_arm::estimation {
 namespace {
@@ -114,6 +115,7 @@ std::vector<Eigen::Index> farRows(const Eigen::MatrixXd& position,
 
 constexpr Eigen::Index kCubicRows = 1500;  // that are compared
 constexpr Eigen::Index kRowsPerTerm = 4;
+constexpr double kRidge = 1e-5;  // of the rows: keeps it from running away where it extrapolates
 constexpr double kLags[] = {0.0, 0.1, 0.3, 1.0, 3.0};  // [s]
 
 // Pressures through a first-order lag, in parts of their ranges.
@@ -148,6 +150,91 @@ Eigen::MatrixXd termsOf(const Eigen::MatrixXd& p, bool mixed) {
   return out;
 }
 
+// Fits of a cubic to the seen rows, or to a part of them.
+class Cubic {
+ public:
+  explicit Cubic(const TipSeries& series) {
+    std::vector<int> trial_of;
+    int trials = 0;
+    for (const bool begins : series.history.starts_anew) {
+      trials += begins ? 1 : 0;
+      trial_of.push_back(trials - 1);
+    }
+    const std::vector<Eigen::Index> seen = seenRows(series);
+    const auto count = static_cast<Eigen::Index>(seen.size());
+    const Eigen::Index stride = std::max<Eigen::Index>(1, count / kCubicRows);
+    std::vector<Eigen::Index> rows;
+    std::vector<int> trial_at;
+    for (Eigen::Index k = 0; k < count; k += stride) {
+      rows.push_back(seen[static_cast<std::size_t>(k)]);
+      trial_at.push_back(trial_of[static_cast<std::size_t>(rows.back())]);
+    }
+    if (rows.empty() || series.history.input.cols() == 0) return;
+    blocks_ = Blocks(trial_at, trials);
+    measured_ = series.position(rows, Eigen::all);
+    for (const double lag : kLags) {
+      if (lag > 0 && series.history.time.empty()) break;
+      const Eigen::MatrixXd pressures = lagged(series.history, lag)(rows, Eigen::all);
+      terms_.push_back(termsOf(pressures, true));
+      if (kRowsPerTerm * terms_.back().cols() > terms_.back().rows()) {
+        terms_.back() = termsOf(pressures, false);
+      }
+    }
+  }
+
+  // RMS about the best of the lags, per degree of freedom; NaN without rows.
+  double error() const {
+    if (terms_.empty()) return std::nan("");
+    return best(Eigen::VectorXi::LinSpaced(measured_.rows(), 0, measured_.rows() - 1)).error;
+  }
+
+  // RMS of the rows of each block, with the cubic of the others.
+  double heldOutError() const {
+    if (terms_.empty()) return std::nan("");
+    double sum = 0;
+    for (int block = 0; block < blocks_.count; ++block) {
+      std::vector<Eigen::Index> in, out;
+      for (std::size_t k = 0; k < blocks_.of.size(); ++k) {
+        (blocks_.of[k] == block ? out : in).push_back(static_cast<Eigen::Index>(k));
+      }
+      const Fit fit = best(in);
+      const Eigen::MatrixXd terms = (*fit.terms)(out, Eigen::all);
+      const Eigen::MatrixXd predicted = (terms * fit.factors).rowwise() + fit.mean;
+      sum += (predicted - measured_(out, Eigen::all)).squaredNorm();
+    }
+    return std::sqrt(sum / static_cast<double>(measured_.rows()));
+  }
+
+ private:
+  struct Fit {
+    const Eigen::MatrixXd* terms = nullptr;
+    Eigen::MatrixXd factors;
+    Eigen::RowVectorXd mean;
+    double error = std::numeric_limits<double>::infinity();
+  };
+  template <class Rows>
+  Fit best(const Rows& rows) const {
+    const Eigen::RowVectorXd mean = measured_(rows, Eigen::all).colwise().mean();
+    const Eigen::MatrixXd measured = measured_(rows, Eigen::all).rowwise() - mean;
+    Fit out;
+    for (const Eigen::MatrixXd& all : terms_) {
+      const Eigen::MatrixXd terms = all(rows, Eigen::all);
+      Eigen::MatrixXd square = terms.transpose() * terms;
+      square.diagonal().array() += kRidge * static_cast<double>(terms.rows());
+      const Eigen::MatrixXd factors = square.ldlt().solve(terms.transpose() * measured);
+      const auto freedom =
+          static_cast<double>(std::max<Eigen::Index>(1, terms.rows() - terms.cols()));
+      const double error = std::sqrt((terms * factors - measured).squaredNorm() / freedom);
+      if (error < out.error) out = {&all, factors, mean, error};
+    }
+    return out;
+  }
+
+  Eigen::MatrixXd measured_;
+  std::vector<Eigen::MatrixXd> terms_;  // behind each lag
+  Blocks blocks_;
+};
+
 }  // namespace
 
 SeriesFaults faultyRows(const TipSeries& series) {
@@ -167,29 +254,8 @@ SeriesFaults faultyRows(const TipSeries& series) {
   return out;
 }
 
-double cubicError(const TipSeries& series) {
-  const std::vector<Eigen::Index> seen = seenRows(series);
-  const auto count = static_cast<Eigen::Index>(seen.size());
-  if (count == 0 || series.history.input.cols() == 0) return std::nan("");
-  const Eigen::Index stride = std::max<Eigen::Index>(1, count / kCubicRows);
-  std::vector<Eigen::Index> rows;
-  for (Eigen::Index k = 0; k < count; k += stride)
-    rows.push_back(seen[static_cast<std::size_t>(k)]);
-  const Eigen::MatrixXd measured = series.position(rows, Eigen::all);
-  const bool timed = !series.history.time.empty();
-  double least = std::numeric_limits<double>::infinity();
-  for (const double lag : kLags) {
-    if (lag > 0 && !timed) break;
-    const Eigen::MatrixXd pressures = lagged(series.history, lag)(rows, Eigen::all);
-    Eigen::MatrixXd terms = termsOf(pressures, true);
-    if (kRowsPerTerm * terms.cols() > terms.rows()) terms = termsOf(pressures, false);
-    const Eigen::ColPivHouseholderQR<Eigen::MatrixXd> factors(terms);
-    const double square = (terms * factors.solve(measured) - measured).squaredNorm();
-    const auto freedom =
-        static_cast<double>(std::max<Eigen::Index>(1, measured.rows() - factors.rank()));
-    least = std::min(least, std::sqrt(square / freedom));
-  }
-  return least;
-}
+double cubicError(const TipSeries& series) { return Cubic(series).error(); }
+
+double cubicHeldOutError(const TipSeries& series) { return Cubic(series).heldOutError(); }
 
 }  // namespace helix_arm::estimation

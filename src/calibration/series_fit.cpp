@@ -21,8 +21,10 @@ constexpr double kReached = 0.9;          // of a curve's range of pressures, by
 constexpr double kLeastMotion = 0.002, kMostMotion = 20.0;  // of the tip, RMS, of the arm's length
 constexpr double kBendLever = 0.5;  // motion of the tip by a bend of 1 rad, of the arm's length
 constexpr int kRounds = 3;          // of noise and fit
-constexpr int kFolds = 8, kBlocks = 5, kLeastTrials = 3;
-constexpr double kSignificant = 2.0;  // standard errors
+constexpr int kMostRounds = 3;      // of choices
+constexpr char kGrowth[] = "K_kappa against pressure", kLagAndSlow[] = "lag and slow state";
+constexpr double kByChance = 0.02;
+constexpr double kSignificant = 1.0;  // standard errors
 constexpr double kLeastGain = 0.02;   // of the error, for which a part is worth its numbers
 constexpr double kSearching = 10.0,
                  kFound = 1.0;        // readings that count, per number: at first, at last
@@ -34,6 +36,9 @@ constexpr std::size_t kCoarse = 5;    // one row in so many for a choice of the 
 // error.
 constexpr double kRival = 2.0, kNearTurn = 0.3, kNearPlace = 0.2, kSceneBase = 0.05, kFarBase = 0.1;
 constexpr std::size_t kMostRivals = 5;
+// Orientations take part that leave the positions as near as without them, by this factor and 1 %
+// of the arm's length, and that the tip explains but for this part of their motion.
+constexpr double kMostLoss = 1.5, kUsualError = 0.01, kMostUnexplained = 0.5;
 // Largest errors of a base that count as known: of the arm's length, and [rad].
 constexpr double kBaseLength = 0.05, kBaseTurn = 0.1;
 constexpr basics::DescentRules kBrief{1e-2, 10.0, 1e6, 1e-3, 0.0, 12};
@@ -64,37 +69,38 @@ class SeriesJob {
  public:
   SeriesJob(const SeriesPrior& prior, const SeriesRecording& recording,
             const SeriesOptions& options)
-      : prior_(prior), recording_(recording), options_(options), X_FB_(prior.X_BF.inverse()) {
-    setBlocks();
-  }
+      : prior_(prior),
+        recording_(recording),
+        options_(options),
+        X_FB_(prior.X_BF.inverse()),
+        blocks_(recording.trial_at, recording.trials) {}
 
   SeriesFit run() {
     SeriesFit out;
     if (options_.arm.base) chooseBase(out);
-    Fitted best = fitted({}, {});
-    leaveOut(best);
-    if (options_.response) considerResponse(best, out);
-    if (options_.arm.length_scale == LengthScaling::kEach) {
-      consider("length scales", &SeriesForm::scales, best, out);
-    }
-    if (options_.arm.stroke_scale) consider("strokes", &SeriesForm::strokes, best, out);
-    if (mayGrow()) consider("K_kappa against pressure", &SeriesForm::growth, best, out);
+    Fitted best = withAllParts();
+    dropParts(best, out);
     report(best, out);
     return out;
   }
 
- private:
-  // Trials, or groups of them; of fewer than three, parts of the series.
-  void setBlocks() {
-    const bool by_trial = recording_.trials >= kLeastTrials;
-    blocks_ = by_trial ? std::min(recording_.trials, kFolds) : kBlocks;
-    const std::size_t rows = recording_.used.size(), blocks = static_cast<std::size_t>(blocks_);
-    for (std::size_t k = 0; k < rows; ++k) {
-      block_of_.push_back(by_trial ? recording_.trial_at[k] % blocks_
-                                   : static_cast<int>(k * blocks / rows));
-    }
+  // Motion of the tip that a short fit finds.
+  struct Motion {
+    double error, turn_error;  // RMS of the positions about the trials' offsets [m], and [rad]
+    Rotations R_FT;            // (used)
+  };
+  Motion motion() {
+    SeriesFit unused;
+    if (options_.arm.base) chooseBase(unused);
+    const Rough rough = roughFit(X_FB_, {});
+    const SeriesProblem problem(prior_, recording_, options_, {}, X_FB_);
+    const Eigen::MatrixXd about = recording_.aboutOffsets(problem.deviationAt(rough.z));
+    const SeriesResidual residual =
+        recording_.residualOf(about, about, std::vector<bool>(recording_.used.size(), true));
+    return {residual.rms, residual.rms_turn, problem.rotationsAt(rough.z)};
   }
 
+ private:
   // Whether K_kappa can depend on pressure, and does not yet.
   bool mayGrow() const {
     const model::Arm& arm = prior_.model.arm();
@@ -154,13 +160,13 @@ class SeriesJob {
 
   // Fits without each block in turn.
   void leaveOut(Fitted& fit) const {
-    fit.without.resize(blocks_, fit.at.z.size());
-    fit.held_out.resize(blocks_);
-    fit.about.resize(blocks_);
+    fit.without.resize(blocks_.count, fit.at.z.size());
+    fit.held_out.resize(blocks_.count);
+    fit.about.resize(blocks_.count);
     SeriesProblem problem = *fit.problem;
-    for (int block = 0; block < blocks_; ++block) {
+    for (int block = 0; block < blocks_.count; ++block) {
       std::vector<bool> in, out;
-      for (const int one : block_of_) {
+      for (const int one : blocks_.of) {
         in.push_back(one != block);
         out.push_back(one == block);
       }
@@ -173,45 +179,87 @@ class SeriesJob {
     }
   }
 
-  // Adds a part where it predicts what is left out better, in proportion: how large a block's
-  // errors are depends on how far the arm moves in it, and its offset is not what a part explains.
-  // @return whether it was added.
-  bool consider(const char* name, bool SeriesForm::*part, Fitted& best, SeriesFit& out) const {
-    SeriesForm form = best.form;
-    form.*part = true;
-    Fitted with = fitted(form, best.problem->named(best.at.z));
-    leaveOut(with);
-    const Eigen::ArrayXd gain = (best.about / with.about).log();
-    const double whole = (best.held_out / with.held_out).log().sum();
-    const auto n = static_cast<double>(gain.size());
-    const double scatter =
-        std::sqrt((gain - gain.mean()).square().sum() / std::max(n * (n - 1), 1.0));
-    const bool kept = gain.mean() > std::max(kSignificant * scatter, kLeastGain) && whole > 0;
-    const double unit = std::sqrt(best.about.square().mean());
-    const Choice choice{name, kept, unit * gain.mean(), unit * scatter};
-    const auto before = std::find_if(out.choices.begin(), out.choices.end(),
-                                     [name](const Choice& one) { return one.part == name; });
-    (before == out.choices.end() ? out.choices.emplace_back() : *before) = choice;
-    if (kept) best = std::move(with);
-    return kept;
+  // The parts that were asked for, and their names.
+  std::vector<std::pair<const char*, bool SeriesForm::*>> parts() const {
+    std::vector<std::pair<const char*, bool SeriesForm::*>> out;
+    if (options_.response) out.emplace_back("play", &SeriesForm::play);
+    if (options_.arm.stroke_scale) out.emplace_back("strokes", &SeriesForm::strokes);
+    if (options_.arm.length_scale == LengthScaling::kEach) {
+      out.emplace_back("length scales", &SeriesForm::scales);
+    }
+    if (mayGrow()) {
+      out.emplace_back("K_kappa against pressure", &SeriesForm::growth);
+      out.emplace_back("K_kappa against the others' pressure", &SeriesForm::others);
+    }
+    if (options_.response) {
+      out.emplace_back("slow state", &SeriesForm::slow);
+      out.emplace_back("lag", &SeriesForm::lag);
+    }
+    return out;
   }
 
-  // Parts of the response, and once more the part that was left out before another part was added.
-  void considerResponse(Fitted& best, SeriesFit& out) const {
-    const std::pair<const char*, bool SeriesForm::*> parts[] = {
-        {"lag", &SeriesForm::lag}, {"slow state", &SeriesForm::slow}, {"play", &SeriesForm::play}};
-    const char* last = nullptr;
-    for (const auto& [name, part] : parts) last = consider(name, part, best, out) ? name : last;
-    for (const auto& [name, part] : parts) {
-      if (last == nullptr || name == last) return;
-      if (!(best.form.*part)) consider(name, part, best, out);
+  SeriesForm wholeForm() const {
+    SeriesForm out;
+    for (const auto& [name, part] : parts()) out.*part = part != &SeriesForm::growth;
+    return out;
+  }
+
+  // With K_kappa against the pressure that predicts what is left out better.
+  Fitted withAllParts() const {
+    Fitted best = fitted(wholeForm(), {});
+    leaveOut(best);
+    if (!mayGrow()) return best;
+    SeriesForm form = best.form;
+    std::swap(form.growth, form.others);
+    Fitted mean = fitted(form, {});
+    leaveOut(mean);
+    return mean.about.log().mean() < best.about.log().mean() ? mean : best;
+  }
+
+  // Drops each part without which what is left out is predicted as well, in proportion: how large a
+  // block's errors are depends on how far the arm moves in it, and its offset is not what a part
+  // explains. Parts are tried beside all others, since one can look like another: a lag that falls
+  // slowly, say, like a bend that other chambers stiffen.
+  void dropParts(Fitted& best, SeriesFit& out) const {
+    for (const auto& [name, part] : parts()) {
+      Choice& choice = out.choices.emplace_back();
+      choice.part = name;
+      if (!(best.form.*part)) continue;
+      SeriesForm form = best.form;
+      form.*part = false;
+      Fitted without = fitted(form, best.problem->named(best.at.z));
+      leaveOut(without);
+      const Eigen::ArrayXd gain = (without.about / best.about).log();
+      const double whole = (without.held_out / best.held_out).log().sum();
+      const auto n = static_cast<double>(gain.size());
+      const double scatter =
+          std::sqrt((gain - gain.mean()).square().sum() / std::max(n * (n - 1), 1.0));
+      const bool is_sure = gain.mean() > kSignificant * scatter || improvesMost(gain);
+      const double unit = std::sqrt(without.about.square().mean());
+      choice.kept = gain.mean() > kLeastGain && is_sure && whole > 0;
+      choice.gain = unit * gain.mean();
+      choice.scatter = unit * scatter;
+      if (!choice.kept) best = std::move(without);
     }
+  }
+
+  // Sign test: that so many blocks improve by chance is less likely than kByChance. Unlike the
+  // scatter, it does not mind blocks that improve much more than others.
+  static bool improvesMost(const Eigen::ArrayXd& gain) {
+    const auto blocks = static_cast<int>(gain.size());
+    double ways = 1, as_many = 0;  // of k that do not improve
+    for (int k = 0; k <= (gain <= 0).count(); ++k) {
+      as_many += ways;
+      ways *= static_cast<double>(blocks - k) / (k + 1);
+    }
+    return as_many < kByChance * std::pow(2.0, blocks);
   }
 
   // A fit to few of the rows, from a base.
   struct Rough {
     lie::SE3 start, X_FB;
     double error;  // RMS about the trials' offsets [m]
+    Eigen::VectorXd z;
   };
   Rough roughFit(const lie::SE3& X_FB, const SeriesForm& form) const {
     SeriesProblem problem(prior_, recording_, options_, form, X_FB);
@@ -225,19 +273,17 @@ class SeriesJob {
       found = basics::descend(problem, problem.at(found.z), kBrief).at;
       about = recording_.aboutOffsets(problem.deviationAt(found.z));
     }
-    return {X_FB, problem.decode(found.z).X_FB, rmsOf(about, few)};
+    return {X_FB, problem.decode(found.z).places.X_FB, rmsOf(about, few), found.z};
   }
 
   // The scene's base, or one that the motion tells: frames of motion capture have any axes. What a
   // response explains can hide which one is right, so those that come near are fitted with one; of
   // those that fit alike, the nearest to the scene's is taken.
   void chooseBase(SeriesFit& out) {
-    const Eigen::Vector3d tip = SeriesProblem(prior_, recording_, options_, {}, {}).meanTip();
-    Eigen::Vector3d seen = Eigen::Vector3d::Zero();
-    seen.head(recording_.measured.cols()) = recording_.measured.colwise().mean().transpose();
+    const SeriesProblem problem(prior_, recording_, options_, {}, X_FB_);
     std::vector<Rough> found;
-    for (const Eigen::Matrix3d& turn : quarterTurns()) {
-      found.push_back(roughFit({turn, seen - turn * tip}, {}));
+    for (const Eigen::Matrix3d& axes : quarterTurns()) {
+      if (const auto X_FB = problem.baseWith(axes)) found.push_back(roughFit(*X_FB, {}));
     }
     std::sort(found.begin(), found.end(),
               [](const Rough& a, const Rough& b) { return a.error < b.error; });
@@ -250,8 +296,7 @@ class SeriesJob {
         rivals.push_back(one);
       }
     }
-    SeriesForm form;
-    form.lag = form.slow = options_.response;
+    const SeriesForm form = wholeForm();
     for (Rough& one : rivals) one = roughFit(one.start, form);
     takeBase(rivals, out);
   }
@@ -323,7 +368,7 @@ class SeriesJob {
           "which it moves as the arm bends; the scene's vision.tag_rotation_noise_deg beside "
           "tag_position_noise_m states another weight"));
     }
-    if (options_.ring_phase && arm.base && recording_.lever == 0) {
+    if (options_.ring_phase && arm.base && !(recording_.lever > 0 && prior_.R_TM)) {
       out.rules.push_back(
           "ring_phase_1: a turn of the base about the arm's axis moves the tip alike; the base has "
           "it");
@@ -332,7 +377,9 @@ class SeriesJob {
       const SeriesRecording::Curve& curve = recording_.curves[c];
       if (!now.lengths[c].empty()) out.curves.push_back({curve.name, curve.knots, now.lengths[c]});
     }
-    out.X_BF = now.X_FB.inverse();
+    out.X_BF = now.places.X_FB.inverse();
+    if (recording_.lever > 0) out.R_TM = now.places.R_TM;
+    out.beam = now.places.beam;
     if (now.response) out.response = *now.response;
     const Eigen::MatrixXd deviation = problem.deviationAt(fit.at.z);
     const std::vector<bool> all(recording_.used.size(), true);
@@ -343,6 +390,7 @@ class SeriesJob {
     out.rms_turn = residual.rms_turn;
     out.held_out_rms = std::sqrt(fit.held_out.square().mean());
     out.baseline_rms = cubicError(recording_.series);
+    out.baseline_held_out_rms = cubicHeldOutError(recording_.series);
   }
 
   void reportNumbers(const Fitted& fit, const SeriesModel& now, SeriesFit& out) const {
@@ -389,8 +437,7 @@ class SeriesJob {
   const SeriesRecording& recording_;
   const SeriesOptions& options_;
   lie::SE3 X_FB_;
-  int blocks_ = 0;
-  std::vector<int> block_of_;  // (used)
+  const Blocks blocks_;  // of the used rows
 };
 
 // Why a curve cannot be fitted: beyond the pressures of the series it would be a guess.
@@ -419,6 +466,10 @@ std::string faultOf(const SeriesPrior& prior, const SeriesRecording& recording,
   if (options.arm.K_eps && !carriesLoad(prior)) {
     return "K_eps shows under a load alone, but the scene has none; expected one with a load, or a "
            "fit without K_eps";
+  }
+  if (prior.beam && (recording.measured.cols() != 2 || !recording.series.rotation.empty())) {
+    return "the dot of a beam (motion_capture.beam_deg) lies in the x-y plane of its frame; "
+           "expected x_m and y_m alone, without z_m and orientations";
   }
   const model::InputHistory& history = recording.series.history;
   if (history.time.empty()) return "the series has no times; expected a column time_s";
@@ -455,6 +506,56 @@ std::string faultOf(const SeriesPrior& prior, const SeriesRecording& recording,
   return {};
 }
 
+// The arm whose actuators follow each other around it in the other sense.
+SeriesPrior mirrored(const SeriesPrior& prior) {
+  const model::Arm& arm = prior.model.arm();
+  const Eigen::Matrix3d mirror = Eigen::Vector3d(1, 1, -1).asDiagonal();
+  std::vector<model::Section> sections(static_cast<std::size_t>(arm.sectionCount()));
+  for (int k = 0; k < arm.sectionCount(); ++k) {
+    model::Section& section = sections[static_cast<std::size_t>(k)];
+    section.plate = arm.plate(k);
+    section.bending = arm.bending(k);
+    for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
+      model::Actuator& actuator = section.actuators.emplace_back(arm.actuator(i));
+      actuator.taper.push_back(actuator.X_O);
+      for (lie::SE3& X : actuator.taper) {
+        X = {mirror * X.rotation * mirror, mirror * X.translation};
+      }
+      actuator.X_O = actuator.taper.back();
+      actuator.taper.pop_back();
+    }
+  }
+  return {statics::ArmModel(model::Arm(std::move(sections), arm.tool()), std::nullopt,
+                            prior.model.load(), prior.model.choice().setting),
+          prior.X_BF, prior.R_TM, prior.beam};
+}
+
+// Mistake that orientations look like if they contradict the positions; empty if both are of one
+// tip.
+std::string contradictionOf(const SeriesPrior& prior, const SeriesRecording& recording,
+                            const SeriesOptions& options) {
+  SeriesRecording alone = recording;
+  alone.lever = 0;
+  const SeriesJob::Motion free = SeriesJob(prior, alone, options).motion();
+  const double usual = std::hypot(free.error, kUsualError * prior.model.arm().restLength());
+  const Rotations seen = recording.rotations();
+  const auto explains = [&](const SeriesPrior& arm) {
+    const SeriesJob::Motion both = SeriesJob(arm, recording, options).motion();
+    return both.error <= kMostLoss * usual && both.turn_error <= kMostUnexplained * spreadOf(seen);
+  };
+  if (explains(prior)) return {};
+  if (prior.R_TM && explains({prior.model, prior.X_BF})) {
+    return "their body is turned otherwise than motion_capture.body_rpy_deg of the scene says; "
+           "remove that key to find its rotation anew";
+  }
+  const bool is_planar = prior.model.choice().setting.tier == statics::Tier::kPlanar;
+  if (!is_planar && explains(mirrored(prior))) {
+    return "they show that the actuators follow each other around the arm in the other sense than "
+           "in the scene: exchange two of its hoses or columns, or their places in the scene";
+  }
+  return faultOfOrientations(free.R_FT, seen);
+}
+
 }  // namespace
 
 SeriesFit fitSeries(const SeriesPrior& prior, const TipSeries& series,
@@ -468,7 +569,12 @@ SeriesFit fitSeries(const SeriesPrior& prior, const TipSeries& series,
     one.free &= options.curve.empty() || one.name == options.curve;
   refused.failure = faultOf(prior, recording, options);
   if (!refused.failure.empty()) return refused;
-  return SeriesJob(prior, recording, options).run();
+  std::string fault;
+  if (recording.lever > 0) fault = contradictionOf(prior, recording, options);
+  if (!fault.empty()) recording.lever = 0;
+  SeriesFit out = SeriesJob(prior, recording, options).run();
+  out.orientation_fault = fault;
+  return out;
 }
 
 SeriesComparison compareSeries(const SeriesPrior& arm, const TipSeries& series) {
@@ -478,7 +584,7 @@ SeriesComparison compareSeries(const SeriesPrior& arm, const TipSeries& series) 
   const SeriesProblem problem(arm, recording, none, {}, arm.X_BF.inverse());
   SeriesComparison out;
   out.rows = recording.used;
-  const Eigen::MatrixXd deviation = problem.deviationAt(Eigen::VectorXd());
+  const Eigen::MatrixXd deviation = problem.deviationAt(Eigen::VectorXd::Zero(problem.size()));
   const Eigen::MatrixXd about = recording.aboutOffsets(deviation);
   out.deviation = recording.placesOf(deviation);
   const std::vector<bool> moving = recording.inMotion(arm.model.arm());
@@ -496,6 +602,7 @@ SeriesComparison compareSeries(const SeriesPrior& arm, const TipSeries& series) 
   };
   for (int trial = 0; trial < recording.trials; ++trial) out.trials.push_back(of(trial));
   out.all = of(std::nullopt);
+  out.baseline_rms = cubicHeldOutError(series);
   return out;
 }
 

@@ -20,6 +20,8 @@ constexpr double kLeastKnotGap = 0.03;  // of its range
 // Behind a lag [s] by more than a share of the range of pressures, an arm is in motion.
 constexpr double kRestLag = 0.5, kInMotion = 0.02;
 
+constexpr int kLeastTrials = 5, kMostBlocks = 8, kParts = 10;
+
 constexpr double kFirstNoise = 0.05;        // of the arm's length, before there are residuals
 constexpr double kFirstCorrelation = 20.0;  // factor on variances, likewise
 // Start of a response [s], [s], share of the range of pressures.
@@ -29,8 +31,11 @@ constexpr double kLongestStep = 0.5;  // of a number z
 // Standard deviations: logs of a factor of a slope and from piece to piece, of times, logits.
 constexpr double kSlopePrior = 1.1, kBendPrior = 0.5, kTimePrior = 2.0, kWeightPrior = 1.5;
 constexpr double kGrowthPrior = 1.0;  // of the log of the ratio of two K_kappa
+constexpr double kOthersPrior = 2.5;  // likewise: a chamber alone may hardly resist
 constexpr double kRadiusPrior = 0.2;  // of its log
 constexpr double kBasePrior = 0.5;    // of its place, of the arm's length
+constexpr double kBodyPrior = M_PI;   // of its rotation: none is known [rad]
+constexpr double kBeamPrior = 0.1;    // of its direction, against x of the tip [rad]
 
 bool readsPressures(const statics::ArmModel& model) {
   return statics::readsInputs(model.arm(), model.load() ? &*model.load() : nullptr);
@@ -56,13 +61,14 @@ bool isCurve(const std::vector<double>& lengths) {
 
 // K_kappa that is linear from one end of all limits to the other.
 // @param ratio  of its values there.
-model::StiffnessTable growing(const model::Arm& arm, double ratio) {
+model::BendingTable growing(const model::Arm& arm, double ratio,
+                            model::BendingTable::Argument argument) {
   model::Range all = arm.actuator(0).limits;
   for (int i = 1; i < arm.actuatorCount(); ++i) {
     all.lower = std::min(all.lower, arm.actuator(i).limits.lower);
     all.upper = std::max(all.upper, arm.actuator(i).limits.upper);
   }
-  return {{all.lower, all.upper}, {std::max(1 / ratio, 1.0), std::max(ratio, 1.0)}};
+  return {{{all.lower, all.upper}, {std::max(1 / ratio, 1.0), std::max(ratio, 1.0)}}, argument};
 }
 
 // The model of the fitted rings and curves: its K_kappa follows from pressures, not from lengths
@@ -158,23 +164,40 @@ void SeriesRecording::addCurves(const model::Arm& arm) {
   for (std::size_t c = 0; c < curves.size(); ++c) setKnots(arm, static_cast<int>(c));
 }
 
-// Ends of the range, and quantiles of the pressures that are not close to each other.
+// Ends of the range, and pressures that are equally far apart by the mean of their quantile and
+// their place in the range: knots where the readings are, and none far from the next.
 void SeriesRecording::setKnots(const model::Arm& arm, int c) {
   std::vector<double> pressures;
   const model::Contraction* contraction = nullptr;
+  model::Range limits{};
   for (int i = 0; i < arm.actuatorCount(); ++i) {
     if (curve_of[static_cast<std::size_t>(i)] != c) continue;
-    if (contraction == nullptr) contraction = &arm.actuator(i).contraction;
+    const model::Range& own = arm.actuator(i).limits;
+    limits = contraction == nullptr ? own
+                                    : model::Range{std::min(limits.lower, own.lower),
+                                                   std::max(limits.upper, own.upper)};
+    contraction = &arm.actuator(i).contraction;
     if (!moves_[static_cast<std::size_t>(i)]) continue;
     for (const double p : series.history.input.col(i)) pressures.push_back(p);
   }
   std::sort(pressures.begin(), pressures.end());
-  const model::Range limits = contraction->inputRange();
-  const double gap = kLeastKnotGap * (limits.upper - limits.lower);
+  const double whole = limits.upper - limits.lower, gap = kLeastKnotGap * whole;
   Curve& curve = curves[static_cast<std::size_t>(c)];
   curve.knots = {limits.lower};
+  const auto count = static_cast<double>(std::max<std::size_t>(pressures.size(), 2) - 1);
+  // The pressure whose mean of quantile and place is the given one.
+  const auto at = [&](double mean) {
+    double lower = limits.lower, upper = limits.upper;
+    for (int halving = 0; halving < 30; ++halving) {
+      const double p = 0.5 * (lower + upper);
+      const auto below = std::lower_bound(pressures.begin(), pressures.end(), p);
+      const double quantile = static_cast<double>(below - pressures.begin()) / count;
+      (0.5 * (quantile + (p - limits.lower) / whole) < mean ? lower : upper) = p;
+    }
+    return lower;
+  };
   for (int k = 0; k < kKnots && !pressures.empty(); ++k) {
-    const double p = pressures[(pressures.size() - 1) * static_cast<std::size_t>(k) / (kKnots - 1)];
+    const double p = at((k + 0.5) / kKnots);
     if (p > curve.knots.back() + gap && p < limits.upper - gap) curve.knots.push_back(p);
   }
   curve.knots.push_back(limits.upper);
@@ -205,19 +228,35 @@ std::vector<bool> SeriesRecording::inMotion(const model::Arm& arm) const {
   return out;
 }
 
+Eigen::Vector3d SeriesPlaces::pointOf(const lie::SE3& X_FT) const {
+  if (!beam) return X_FT.translation;
+  const Eigen::Vector3d along =
+      X_FT.rotation *
+      (Eigen::AngleAxisd((*beam)[0], Eigen::Vector3d::UnitY()) *
+       (Eigen::AngleAxisd((*beam)[1], Eigen::Vector3d::UnitZ()) * Eigen::Vector3d::UnitX()));
+  const double distance = -X_FT.translation.z() / along.z();
+  if (!(distance > 0)) return Eigen::Vector3d::Constant(std::nan(""));
+  return X_FT.translation + distance * along;
+}
+
 Eigen::MatrixXd SeriesRecording::deviation(const std::vector<lie::SE3>& tips,
-                                           const lie::SE3& X_FB) const {
+                                           const SeriesPlaces& places) const {
   const Eigen::Index axes = measured.cols();
   Eigen::MatrixXd out(rows(), axes + (lever > 0 ? 3 : 0));
   for (Eigen::Index row = 0; row < rows(); ++row) {
     const auto k = static_cast<std::size_t>(row);
-    const lie::SE3 X_FT = X_FB * tips[k];
-    out.row(row).head(axes) = X_FT.translation.head(axes).transpose() - measured.row(row);
+    const lie::SE3 X_FT = places.X_FB * tips[k];
+    out.row(row).head(axes) = places.pointOf(X_FT).head(axes).transpose() - measured.row(row);
     if (lever == 0) continue;
     const Eigen::Matrix3d& seen = series.rotation[static_cast<std::size_t>(used[k])];
-    const lie::SE3 turn{seen.transpose() * X_FT.rotation, Eigen::Vector3d::Zero()};
-    out.row(row).tail<3>() = lever * turn.log().tail<3>();
+    out.row(row).tail<3>() = lever * rotationVector(seen.transpose() * X_FT.rotation * places.R_TM);
   }
+  return out;
+}
+
+Rotations SeriesRecording::rotations() const {
+  Rotations out;
+  for (const Eigen::Index row : used) out.push_back(series.rotation[static_cast<std::size_t>(row)]);
   return out;
 }
 
@@ -255,6 +294,16 @@ SeriesResidual SeriesRecording::residualOf(const Eigen::MatrixXd& deviation,
   return out;
 }
 
+Blocks::Blocks(const std::vector<int>& trial_at, int trials) {
+  const bool by_trial = trials >= kLeastTrials;
+  count = by_trial ? std::min(trials, kMostBlocks) : kParts;
+  for (std::size_t k = 0; k < trial_at.size(); ++k) {
+    of.push_back(by_trial
+                     ? trial_at[k] % count
+                     : static_cast<int>(k * static_cast<std::size_t>(count) / trial_at.size()));
+  }
+}
+
 double rmsOf(const Eigen::MatrixXd& deviation, const std::vector<bool>& rows) {
   double sum = 0, count = 0;
   for (Eigen::Index k = 0; k < deviation.rows(); ++k) {
@@ -272,13 +321,15 @@ SeriesProblem::SeriesProblem(const SeriesPrior& prior, const SeriesRecording& re
       recording_(recording),
       options_(options),
       form_(form),
-      X_FB_(X_FB),
+      places_{X_FB, prior.R_TM.value_or(Eigen::Matrix3d::Identity()), prior.beam},
       takes_part_(recording.used.size(), true),
       variance_(kFirstCorrelation * std::pow(kFirstNoise * prior.model.arm().restLength(), 2)) {
   addArm();
   addCurves();
   addPlaces();
   addResponse();
+  if (recording.lever > 0 && !prior.R_TM) addBody();
+  if (options.arm.base && prior.beam) addBeam();
 }
 
 void SeriesProblem::addArm() {
@@ -301,7 +352,9 @@ void SeriesProblem::addArm() {
     }
   };
   if (arm.K_kappa) stiffness("K_kappa", "m^2", &model::Stiffness::kappa);
-  if (form_.growth) factor("K_kappa_growth", "", kGrowthPrior, &SeriesModel::growth);
+  if (form_.grows()) {
+    factor("K_kappa_growth", "", form_.others ? kOthersPrior : kGrowthPrior, &SeriesModel::growth);
+  }
   if (arm.K_gamma) {
     stiffness("K_gamma", "", &model::Stiffness::gamma,
               "shear stiffness of actuators along the arm, which nothing shows");
@@ -343,7 +396,8 @@ void SeriesProblem::addCurves() {
 void SeriesProblem::addPlaces() {
   const CalibrationOptions& arm = options_.arm;
   for (int k = 0; options_.ring_phase && k < prior_.model.arm().sectionCount(); ++k) {
-    if (k == 0 && arm.base && recording_.lever == 0) continue;  // the base has it
+    const bool told = recording_.lever > 0 && prior_.R_TM;
+    if (k == 0 && arm.base && !told) continue;  // the base has it
     add({SeriesNumber::kArm, SeriesNumber::kItself, "ring_phase_" + std::to_string(k + 1), "rad",
          arm.base_prior.rotation, [k](SeriesModel& m) -> double& { return m.phase[k]; },
          "phase of a ring, of which only actuators that move tell"});
@@ -357,6 +411,25 @@ void SeriesProblem::addPlaces() {
          [i](SeriesModel& m) -> double& { return m.motion[i]; },
          i == 3 ? "a turn of the base about the arm's axis and the directions of its actuators"
                 : "pose of the base, bend and length of the arm at rest"});
+  }
+}
+
+// The start of the rotation between tip and body is the mean that the motion shows.
+void SeriesProblem::addBody() {
+  places_.R_TM = meanBody(rotationsAt(Eigen::VectorXd::Zero(size())), recording_.rotations());
+  static const char* const kEntries[] = {"body_rx", "body_ry", "body_rz"};
+  for (int i = 0; i < 3; ++i) {
+    add({SeriesNumber::kBody, SeriesNumber::kItself, kEntries[i], "rad", kBodyPrior,
+         [i](SeriesModel& m) -> double& { return m.turn[i]; }});
+  }
+}
+
+void SeriesProblem::addBeam() {
+  static const char* const kEntries[] = {"beam_ry", "beam_rz"};
+  for (int i = 0; i < 2; ++i) {
+    add({SeriesNumber::kBeam, SeriesNumber::kItself, kEntries[i], "rad", kBeamPrior,
+         [i](SeriesModel& m) -> double& { return m.beam[i]; },
+         "direction of the beam and pose of the base"});
   }
 }
 
@@ -418,15 +491,19 @@ SeriesModel SeriesProblem::decode(const Eigen::VectorXd& z) const {
   out.scale *= out.common_scale;
   if (form_.play)
     out.response->plays[0].weight *= Response::kMostWeight - out.response->slow_weight;
-  if (form_.growth) {
+  if (form_.grows()) {
+    using Argument = model::BendingTable::Argument;
     out.stiffness.kappa *= std::min(out.growth, 1.0);  // the least one
-    out.bending = growing(arm, out.growth);
+    out.bending = growing(arm, out.growth, form_.others ? Argument::kOthers : Argument::kMean);
   }
   out.model = prior_.model.scaledStiffness(out.stiffness, out.K_eps);
-  out.X_FB = X_FB_ * lie::SE3::exp(out.motion);
+  out.places = places_;
+  out.places.X_FB = places_.X_FB * lie::SE3::exp(out.motion);
+  out.places.R_TM = places_.R_TM * rotationOf(out.turn);
+  if (out.places.beam) *out.places.beam += out.beam;
   setContractions(out);
   const bool changed =
-      options_.ring_radius || options_.ring_phase || form_.growth || readsPressures(prior_.model);
+      options_.ring_radius || options_.ring_phase || form_.grows() || readsPressures(prior_.model);
   if (out.sound && changed) setModel(out);
   return out;
 }
@@ -434,7 +511,13 @@ SeriesModel SeriesProblem::decode(const Eigen::VectorXd& z) const {
 double SeriesProblem::valueOf(Eigen::Index k, SeriesModel now) const {
   const SeriesNumber& one = numbers_[static_cast<std::size_t>(k)];
   if (one.part == SeriesNumber::kBase) {
-    return (prior_.X_BF * now.X_FB).log()[&one.entry(now) - now.motion.data()];
+    return (prior_.X_BF * now.places.X_FB).log()[&one.entry(now) - now.motion.data()];
+  }
+  if (one.part == SeriesNumber::kBody) {
+    return rotationVector(now.places.R_TM)[&one.entry(now) - now.turn.data()];
+  }
+  if (one.part == SeriesNumber::kBeam) {
+    return (*now.places.beam)[&one.entry(now) - now.beam.data()];
   }
   return one.unit_value * one.entry(now);
 }
@@ -468,20 +551,49 @@ SeriesEstimate SeriesProblem::at(const Eigen::VectorXd& z) const {
   const SeriesModel now = decode(z);
   if (!now.sound) return {z, Eigen::VectorXd::Constant(1, std::nan(""))};
   const std::vector<lie::SE3> tips = tipsOf(now, effective(now), takes_part_);
-  return {z, whole(z, recording_.deviation(tips, now.X_FB))};
+  return {z, whole(z, recording_.deviation(tips, now.places))};
 }
 
 Eigen::MatrixXd SeriesProblem::deviationAt(const Eigen::VectorXd& z) const {
   const SeriesModel now = decode(z);
   const std::vector<bool> all(takes_part_.size(), true);
-  return recording_.deviation(tipsOf(now, effective(now), all), now.X_FB);
+  return recording_.deviation(tipsOf(now, effective(now), all), now.places);
 }
 
-Eigen::Vector3d SeriesProblem::meanTip() const {
+Rotations SeriesProblem::rotationsAt(const Eigen::VectorXd& z) const {
+  const SeriesModel now = decode(z);
+  const std::vector<bool> all(takes_part_.size(), true);
+  Rotations out;
+  for (const lie::SE3& tip : tipsOf(now, effective(now), all)) {
+    out.push_back(now.places.X_FB.rotation * tip.rotation);
+  }
+  return out;
+}
+
+std::optional<lie::SE3> SeriesProblem::baseWith(const Eigen::Matrix3d& axes) const {
   const SeriesModel now = decode(Eigen::VectorXd::Zero(size()));
-  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
-  for (const lie::SE3& one : tipsOf(now, effective(now), takes_part_)) sum += one.translation;
-  return sum / static_cast<double>(recording_.rows());
+  const std::vector<lie::SE3> tips = tipsOf(now, effective(now), takes_part_);
+  SeriesPlaces places = now.places;
+  places.X_FB = {axes, Eigen::Vector3d::Zero()};
+  const auto meanOf = [&](const auto& of) {
+    Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+    for (const lie::SE3& tip : tips) sum += of(tip);
+    return Eigen::Vector3d(sum / static_cast<double>(tips.size()));
+  };
+  if (places.beam) {
+    const auto height = [](const lie::SE3& X_FB) {
+      return [X_FB](const lie::SE3& tip) { return Eigen::Vector3d(X_FB * tip.translation); };
+    };
+    places.X_FB.translation.z() =
+        meanOf(height(now.places.X_FB)).z() - meanOf(height(places.X_FB)).z();
+  }
+  const Eigen::Vector3d seen =
+      meanOf([&places](const lie::SE3& tip) { return places.pointOf(places.X_FB * tip); });
+  if (!seen.allFinite()) return std::nullopt;
+  Eigen::Vector3d measured = Eigen::Vector3d::Zero();
+  measured.head(recording_.measured.cols()) = recording_.measured.colwise().mean().transpose();
+  places.X_FB.translation += measured - seen;
+  return places.X_FB;
 }
 
 SeriesEstimate SeriesProblem::moved(const SeriesEstimate& from, const Eigen::VectorXd& step) const {
@@ -540,11 +652,11 @@ Eigen::MatrixXd SeriesProblem::jacobian(const SeriesEstimate& one) const {
     const SeriesModel now = decode(z);
     const SeriesNumber& number = numbers_[static_cast<std::size_t>(k)];
     const std::vector<lie::SE3> moved =
-        number.part == SeriesNumber::kBase
+        number.part >= SeriesNumber::kBase && number.part <= SeriesNumber::kBeam
             ? tips_here
             : tipsOf(now, number.part == SeriesNumber::kResponse ? effective(now) : pressures,
                      takes_part_);
-    J.col(k) = (whole(z, recording_.deviation(moved, now.X_FB)) - one.residual) / kDifference;
+    J.col(k) = (whole(z, recording_.deviation(moved, now.places)) - one.residual) / kDifference;
   }
   return J;
 }

@@ -10,10 +10,21 @@
 
 #include "basics/least_squares.hpp"
 #include "helix_arm/calibration/series_fit.hpp"
+#include "series_orientation.hpp"
 
 /// The least squares of an arm and a series of its tip: the series in the form that fits need, and
 /// the numbers of a fit.
 namespace helix_arm::estimation {
+
+/// Where base, body and beam are.
+struct SeriesPlaces {
+  lie::SE3 X_FB;
+  Eigen::Matrix3d R_TM = Eigen::Matrix3d::Identity();
+  std::optional<Eigen::Vector2d> beam = {};  ///< as SeriesPrior has it
+
+  /// Point that is seen of a tip, in F [m]; NaN where the beam does not meet the plane.
+  Eigen::Vector3d pointOf(const lie::SE3& X_FT) const;
+};
 
 /// The rows of a series that are compared ("used"), with what follows from pressures alone. Keeps a
 /// reference to the series. Deviations are those of a model, model - measured: (used x 2 or 3) of
@@ -40,7 +51,9 @@ class SeriesRecording {
   std::vector<bool> inMotion(const model::Arm& arm) const;
 
   /// @param tips  (used) seen from the base.
-  Eigen::MatrixXd deviation(const std::vector<lie::SE3>& tips, const lie::SE3& X_FB) const;
+  Eigen::MatrixXd deviation(const std::vector<lie::SE3>& tips, const SeriesPlaces& places) const;
+  /// (used) orientations of the body; only if the series has them.
+  Rotations rotations() const;
   /// With the mean of each trial taken off, over the rows that count; empty: all.
   Eigen::MatrixXd aboutOffsets(Eigen::MatrixXd deviation,
                                const std::vector<bool>& counts = {}) const;
@@ -69,12 +82,26 @@ class SeriesRecording {
   std::vector<bool> moves_;  // (actuators)
 };
 
+/// Parts of a series that are left out in turn: its trials, or groups of them; of fewer than five,
+/// tenths of the rows.
+struct Blocks {
+  Blocks() = default;
+  /// @param trial_at  (rows) index of the trial.
+  Blocks(const std::vector<int>& trial_at, int trials);
+
+  int count = 0;
+  std::vector<int> of;  ///< (rows) index of the block
+};
+
 /// Root mean square of the distances of some rows; NaN of none.
 double rmsOf(const Eigen::MatrixXd& deviation, const std::vector<bool>& rows);
 
 /// Which optional parts the model has.
 struct SeriesForm {
-  bool lag = false, slow = false, play = false, scales = false, strokes = false, growth = false;
+  bool lag = false, slow = false, play = false, scales = false, strokes = false;
+  bool growth = false, others = false;  ///< of K_kappa, with which of BendingTable::Argument
+
+  bool grows() const { return growth || others; }
 };
 
 /// The model that the numbers of a fit stand for.
@@ -88,19 +115,21 @@ struct SeriesModel {
   Eigen::VectorXd radius = {}, phase = {};  ///< (sections); phase: turns [rad]
   /// (curves, knots) length at rest, then the slopes
   std::vector<std::vector<double>> pieces = {};
-  lie::Vector6 motion = lie::Vector6::Zero();    ///< right-hand, of the base
-  std::optional<model::Response> response = {};  ///< absent: each actuator's own
+  lie::Vector6 motion = lie::Vector6::Zero();      ///< right-hand, of the base
+  Eigen::Vector3d turn = Eigen::Vector3d::Zero();  ///< right-hand, of the body
+  Eigen::Vector2d beam = Eigen::Vector2d::Zero();  ///< turns of it [rad]
+  std::optional<model::Response> response = {};    ///< absent: each actuator's own
   // Quantities that follow from these.
-  lie::SE3 X_FB = {};
+  SeriesPlaces places = {};
   std::vector<std::vector<double>> lengths = {};     ///< (curves) at their knots, if fitted [m]
   std::vector<model::Contraction> contraction = {};  ///< (actuators)
-  model::StiffnessTable bending = {};  ///< unless empty, the model has it, curves and scales
-  bool sound = true;                   ///< false: a length is not > 0, or a curve turns
+  model::BendingTable bending = {};  ///< unless empty, the model has it, curves and scales
+  bool sound = true;                 ///< false: a length is not > 0, or a curve turns
 };
 
 /// A number of the fit: z, 0 at first.
 struct SeriesNumber {
-  enum Part { kArm, kCurve, kBase, kResponse } part;
+  enum Part { kArm, kCurve, kBase, kBody, kBeam, kResponse } part;
   /// Its entry is start * exp(z), z itself, or the share of `most` with start's odds times exp(z).
   enum Law { kFactor, kItself, kShare } law;
   std::string name, unit;
@@ -140,8 +169,11 @@ class SeriesProblem {
   SeriesEstimate at(const Eigen::VectorXd& z) const;
   /// See SeriesRecording; of all used rows.
   Eigen::MatrixXd deviationAt(const Eigen::VectorXd& z) const;
-  /// Mean of the tips at z = 0, seen from the base [m].
-  Eigen::Vector3d meanTip() const;
+  /// The base with these axes at which the mean of what is seen, at z = 0, is the measured one. A
+  /// beam has its height above the plane from the start. Nothing if it does not meet the plane.
+  std::optional<lie::SE3> baseWith(const Eigen::Matrix3d& axes) const;
+  /// (used) orientations of the tip seen from F.
+  Rotations rotationsAt(const Eigen::VectorXd& z) const;
 
   // For basics::descend().
   double cost(const SeriesEstimate& one) const { return one.residual.squaredNorm(); }
@@ -154,6 +186,8 @@ class SeriesProblem {
   void addArm();
   void addCurves();
   void addPlaces();
+  void addBody();
+  void addBeam();
   void addResponse();
   void setContractions(SeriesModel& out) const;
   Eigen::MatrixXd effective(const SeriesModel& now) const {
@@ -166,7 +200,7 @@ class SeriesProblem {
   const SeriesRecording& recording_;
   const SeriesOptions& options_;
   SeriesForm form_;
-  lie::SE3 X_FB_;
+  SeriesPlaces places_;
   std::vector<SeriesNumber> numbers_;
   std::vector<bool> takes_part_;
   double variance_;

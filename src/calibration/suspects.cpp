@@ -26,7 +26,7 @@ constexpr double kWrong = 0.1;
 constexpr double kFar = 5.0;
 constexpr double kNoFit = 1e4;  // mean square of captures that cannot be fitted at all
 
-// What a hypothesis has to explain.
+// Errors that a hypothesis has to explain.
 struct Demands {
   double left_near, left_far;  // most of the mean square that it leaves, as noise or beyond: on an
                                // arm that deviates in many ways every freedom explains some of it

@@ -123,7 +123,8 @@ json seriesJson(const estimation::SeriesFit& fit) {
   json out{{"rms_m", fit.rms},
            {"rms_without_offset_m", fit.rms_about_offset},
            {"held_out_rms_m", fit.held_out_rms},
-           {"baseline_rms_m", std::isfinite(fit.baseline_rms) ? json(fit.baseline_rms) : json()},
+           {"baseline_rms_m", numberOrNull(fit.baseline_rms)},
+           {"baseline_held_out_rms_m", numberOrNull(fit.baseline_held_out_rms)},
            {"choices", std::move(choices)},
            {"rules", fit.rules}};
   if (!std::isnan(fit.rms_turn)) out["rms_rad"] = fit.rms_turn;

@@ -476,14 +476,12 @@ int evaluateCurvature(const io::Scene& scene, const io::DataSet& data, Format fo
 }
 
 json residualJson(const estimation::SeriesResidual& one) {
-  // NaN where there are no such rows.
-  const auto number = [](double value) { return std::isnan(value) ? json() : json(value); };
   json out{{"rows", one.rows},
            {"rms_m", one.rms},
            {"rms_without_offset_m", one.rms_about_offset},
            {"worst_m", one.worst},
-           {"rms_at_rest_m", number(one.rms_at_rest)},
-           {"rms_in_motion_m", number(one.rms_in_motion)},
+           {"rms_at_rest_m", numberOrNull(one.rms_at_rest)},
+           {"rms_in_motion_m", numberOrNull(one.rms_in_motion)},
            {"offset_m", toJson(one.offset)}};
   if (!std::isnan(one.rms_turn)) out["rms_rad"] = one.rms_turn;
   return out;
@@ -521,7 +519,7 @@ int evaluateSeries(const io::Scene& scene, const io::DataSet& data, const Captur
   refuseIf(tips.history.time.empty() && !options.png.empty(), "--png draws over the time, but ",
            data.path, " has no column time_s");
   const estimation::SeriesComparison found =
-      estimation::compareSeries({scene.model, scene.X_BF}, procedures::ofArm(tips));
+      estimation::compareSeries(procedures::priorOf(scene), procedures::ofArm(tips));
   json trials = json::array();
   for (std::size_t k = 0; k < found.trials.size(); ++k) {
     json one{{"trial", basics::printable(tips.trials[k])}};
@@ -535,6 +533,7 @@ int evaluateSeries(const io::Scene& scene, const io::DataSet& data, const Captur
                                 : json("the model finds no shape under its load at some pressures; "
                                        "check load and stiffness of the scene")}};
   report.update(residualJson(found.all));
+  report["baseline_rms_m"] = numberOrNull(found.baseline_rms);
   report["trials"] = trials;
   report["missing_columns"] = missingColumns(scene, data);
   report["png"] = solved ? textOrNull(options.png) : json();
@@ -542,14 +541,18 @@ int evaluateSeries(const io::Scene& scene, const io::DataSet& data, const Captur
     procedures::drawReport(plotOf(scene, tips, found).dump(), options.png, "leave out --png");
   }
   const auto table = [&] {
-    printComments(report, {"rms_m", "rms_without_offset_m", "worst_m"});
+    printComments(report, {"rms_m", "baseline_rms_m", "rms_without_offset_m", "worst_m"});
     std::vector<const char*> columns{
         "trial",   "rows",          "rms_m",           "rms_without_offset_m",
         "worst_m", "rms_at_rest_m", "rms_in_motion_m", "offset_m"};
     if (report.contains("rms_rad")) columns.push_back("rms_rad");
     return CsvTable(trials, columns);
   };
-  printResult(format, report, report, table);
+  json shown = report;
+  if (found.all.rms > estimation::kMostOfBaseline * found.baseline_rms) {
+    shown["note"] = estimation::kBeyondBaseline;
+  }
+  printResult(format, report, shown, table);
   return solved ? kDone : kNotPossible;
 }
 
@@ -619,7 +622,9 @@ fit_rms_m (of corners fit_rms_px), usual_fit_rms_m (only where fit_rms_m is far 
 unknown_tags}], median_rms_m and
 median_tip_error_percent over the captures whose tags all fit, arm_length_m, tier,
 reason.
-Series, json: rms_m and worst_m of the tip's distance, rms_without_offset_m (with the mean
+Series, json: rms_m and worst_m of the tip's distance, baseline_rms_m (of a cubic of the
+pressures behind one lag, fitted to this series without the rows that it predicts: each
+trial in turn, of fewer than five trials each tenth), rms_without_offset_m (with the mean
 deviation of each trial taken off), rms_at_rest_m and rms_in_motion_m, offset_m, rows,
 rms_rad of the orientation if the series has one (qx, qy, qz, qw), trials [{trial and the
 same}], tier, reason, png. The arm rests at the start of each trial.

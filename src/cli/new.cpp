@@ -1,8 +1,11 @@
+#include <Eigen/Cholesky>
 #include <algorithm>
+#include <cmath>
 #include <exception>
 #include <filesystem>
 #include <iostream>
 #include <memory>
+#include <optional>
 #include <variant>
 #include <vector>
 
@@ -10,11 +13,15 @@
 
 #include "arguments.hpp"
 #include "command.hpp"
+#include "helix_arm/basics/pi.hpp"
+#include "helix_arm/calibration/series_fit.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/io/regulator_profile.hpp"
 #include "helix_arm/io/scene.hpp"
+#include "helix_arm/procedures/captures.hpp"
 #include "helix_arm/procedures/report_plot.hpp"
+#include "helix_arm/procedures/response_series.hpp"
 #include "output.hpp"
 
 namespace helix_arm::cli {
@@ -65,11 +72,19 @@ const Figure kFigures[] = {
 
 struct NewArguments {
   NewArm arm;
-  std::string out;
+  std::string out, recording;
+  std::vector<std::string> known;  // options that the recording gives
   bool defaults = false, force = false;
   CLI::App* command = nullptr;
 
   bool given(const char* option) const { return command->count(option) > 0; }
+  // Takes a value of the recording where no option gives one.
+  template <class Value>
+  void take(const char* option, Value& to, Value value) {
+    if (given(option)) return;
+    to = value;
+    known.emplace_back(option);
+  }
 };
 
 // "simulated, none, alicat (psi), .."
@@ -141,6 +156,7 @@ json startOf(const NewArguments& arguments, const NewArm& arm, bool asks) {
   for (const CLI::Option* option : arguments.command->get_options()) {
     if (option->count() > 0) start["given"].push_back(keyOf(option->get_name().c_str()));
   }
+  for (const std::string& option : arguments.known) start["given"].push_back(keyOf(option.c_str()));
   return start;
 }
 
@@ -186,6 +202,89 @@ json sceneOf(const NewArguments& arguments, NewArm arm, bool asks) {
   }
 }
 
+// Error of the arm of a scene, fitted to a recording, on parts that were left out [m].
+double heldOutError(const json& scene, const procedures::ResponseSeries& tips) {
+  const io::Scene made = io::sceneOfText(scene["text"], "the scene of the recording");
+  estimation::SeriesOptions options;
+  options.arm.contraction = options.arm.base = true;
+  const estimation::SeriesFit fit =
+      estimation::fitSeries(procedures::priorOf(made), procedures::ofArm(tips), options);
+  refuseIf(!fit.failure.empty(), "--recording: ", fit.failure);
+  return fit.held_out_rms;
+}
+
+// Whether the actuators lengthen: the kind of arm that predicts left-out parts better, by far.
+std::optional<bool> lengthens(const NewArguments& arguments, NewArm arm,
+                              const procedures::ResponseSeries& tips) {
+  constexpr double kFar = 0.7;  // of the other's error
+  double errors[2];
+  for (const bool extending : {false, true}) {
+    arm.extending = extending;
+    errors[extending] = heldOutError(sceneOf(arguments, arm, false), tips);
+  }
+  if (errors[1] < kFar * errors[0]) return true;
+  if (errors[0] < kFar * errors[1]) return false;
+  return std::nullopt;
+}
+
+// Angle between the directions in which two pressures move the tip [rad].
+double angleBetween(const procedures::ResponseSeries& tips) {
+  Eigen::MatrixXd inputs(tips.history.rows(), 3);
+  inputs << tips.history.input.leftCols<2>(), Eigen::VectorXd::Ones(inputs.rows());
+  const Eigen::MatrixXd tip = tips.reading;
+  Eigen::MatrixXd square = Eigen::MatrixXd::Zero(3, 3), product = Eigen::MatrixXd::Zero(3, 3);
+  for (Eigen::Index row = 0; row < tip.rows(); ++row) {
+    if (!tip.row(row).allFinite()) continue;
+    square += inputs.row(row).transpose() * inputs.row(row);
+    product += inputs.row(row).transpose() * tip.row(row);
+  }
+  const Eigen::MatrixXd by = square.ldlt().solve(product);
+  return std::acos(by.row(0).normalized().dot(by.row(1).normalized()));
+}
+
+// Takes from a recording of the tip what it tells of its arm: actuators, highest pressure, kind.
+// @return notes.
+json takeRecording(NewArguments& arguments) {
+  NewArm& arm = arguments.arm;
+  const io::DataSet data = io::loadDataSet(arguments.recording);
+  refuseIf(procedures::kindOf(data) != procedures::DataKind::kTipSeries, "--recording ", data.path,
+           " is no series of the tip; expected time_s, pressure_1_kpa .., x_m, y_m and z_m");
+  int count = 0;
+  while (data.find("pressure_" + std::to_string(count + 1) + "_kpa") >= 0) ++count;
+  refuseIf(count < 2, "--recording ", data.path, " has ", count,
+           " columns pressure_1_kpa ..; expected one for each actuator, at least two");
+  const procedures::ResponseSeries tips = procedures::tipSeriesOf(data, count);
+  const double highest = tips.history.input.maxCoeff(), lowest = tips.history.input.minCoeff();
+  refuseIf(
+      lowest < -0.1 * highest, "--recording ", data.path, " reaches ", lowest / 1e3,
+      " kPa; expected pressures above the atmosphere: write the scene of a vacuum arm by hand");
+  json notes = json::array();
+  int muscles = count / arm.sections;
+  refuseIf(muscles * arm.sections != count, "--sections ", arm.sections, " do not share the ",
+           count, " actuators of ", data.path,
+           " alike; choose another number, or write the scene by hand");
+  if (count == 2) {
+    const double angle = angleBetween(tips) * 180 / basics::kPi;
+    muscles = angle < 105 ? 4 : 3;
+    notes.push_back(basics::messageOf("the two actuators move the tip in directions ",
+                                      std::round(angle), " deg apart: they are the first of ",
+                                      muscles, " around the arm, of which the others stay at 0"));
+  }
+  arguments.take("--muscles", arm.muscles, muscles);
+  arguments.take("--max-pressure-kpa", arm.max_pressure_kpa, std::ceil(1.01e-3 * highest));
+  arguments.take(kTagSize, arm.tag_size, 0.0);
+  arguments.take("--regulator", arm.regulator, std::string("none"));
+  if (arm.extending || arm.chambers) return notes;
+  const std::optional<bool> found = lengthens(arguments, arm, tips);
+  arm.extending = found.value_or(false);
+  notes.push_back(
+      found ? (arm.extending ? "the actuators lengthen under pressure, as the recording shows"
+                             : "the actuators shorten under pressure, as the recording shows")
+            : "the recording does not tell whether its actuators lengthen under pressure; they "
+              "shorten in the scene, unless --extending or --chambers is given");
+  return notes;
+}
+
 // Checks before anything is asked.
 void check(NewArguments& arguments) {
   namespace fs = std::filesystem;
@@ -198,7 +297,10 @@ void check(NewArguments& arguments) {
            ", or choose another file");
   settleRegulator(arguments.arm);
   // A fault of this can only be the name.
-  sceneOf({{}, arguments.out, true, false, arguments.command}, NewArm(), false);
+  NewArguments plain;
+  plain.out = arguments.out;
+  plain.command = arguments.command;
+  sceneOf(plain, NewArm(), false);
 }
 
 int run(NewArguments& arguments, const GlobalOptions& global) {
@@ -206,6 +308,8 @@ int run(NewArguments& arguments, const GlobalOptions& global) {
            "--set changes a key of a scene, and new writes one; leave out --set");
   NewArm& arm = arguments.arm;
   check(arguments);
+  json notes = json::array();
+  if (!arguments.recording.empty()) notes = takeRecording(arguments);
   const json scene = sceneOf(arguments, arm, !arguments.defaults && isatty(STDIN_FILENO) != 0);
   if (scene.is_null()) return kInterrupted;
   const json& serial = scene["serial"];
@@ -226,9 +330,15 @@ int run(NewArguments& arguments, const GlobalOptions& global) {
                     {"regulator", scene["regulator"]},
                     {"out", arguments.out}};
   json shown = report;
-  shown["notes"] = {
-      "its contraction curve and stiffness are guesses: edit the file, then run helix_arm check " +
-      arguments.out};
+  notes.push_back(arguments.recording.empty()
+                      ? "its contraction curve and stiffness are guesses: edit the file, then run "
+                        "helix_arm check " +
+                            arguments.out
+                      : "its sizes, curve and stiffness are guesses: edit the file, then run "
+                        "helix_arm calibrate " +
+                            arguments.out + " " + arguments.recording +
+                            " --fit stiffness,contraction,base,response --out fitted.yaml");
+  shown["notes"] = notes;
   printResult(global.format, report, shown, [&report] {
     return cellsOf(report, {"scene", "actuators", "tags", "regulator", "out"});
   });
@@ -251,6 +361,12 @@ Subcommand addNew(CLI::App& app) {
         },
         figure.member);
   }
+  addOption(
+      *command, "--recording", arguments->recording,
+      "series of the tip, as calibrate takes it: gives the number of actuators, their highest "
+      "pressure and, where it tells, whether they lengthen; the arm then has neither tags nor a "
+      "regulator",
+      TypeName{"FILE.csv"});
   command->add_flag("--extending", arm.extending,
                     "the muscles lengthen under pressure, as bellows do; without it they shorten");
   command->add_flag(

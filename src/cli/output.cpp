@@ -103,6 +103,8 @@ json toJson(const std::optional<double>& number) { return number ? json(*number)
 
 json finite(double number) { return std::isfinite(number) ? json(number) : json(); }
 
+json numberOrNull(double value) { return std::isfinite(value) ? json(value) : json(); }
+
 json textOrNull(const std::string& text) { return text.empty() ? json() : json(text); }
 
 json toJson(const lie::SE3& pose) {

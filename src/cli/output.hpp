@@ -39,6 +39,8 @@ nlohmann::json listJson(const Values& values, const JsonOf& jsonOf) {
 nlohmann::json finite(double number);
 /// null where it is empty.
 nlohmann::json textOrNull(const std::string& text);
+/// Null unless finite.
+nlohmann::json numberOrNull(double value);
 /// [{cause, where, explains, remedy}].
 nlohmann::json suspectsJson(const std::vector<estimation::Suspect>& suspects);
 /// One array of six a section: [v; w].

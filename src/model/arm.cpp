@@ -116,6 +116,23 @@ void StiffnessTable::validate(const char* who, const char* factors) const {
   }
 }
 
+double BendingTable::argumentAt(const Eigen::Ref<const Eigen::VectorXd>& q) const noexcept {
+  const double weights = q.cwiseAbs().sum(), sum = q.sum();
+  if (argument == Argument::kMean || q.size() < 2 || weights == 0) return q.mean();
+  return (q.cwiseAbs().array() * (sum - q.array())).sum() /
+         (weights * static_cast<double>(q.size() - 1));
+}
+
+double BendingTable::argumentSlope(const Eigen::Ref<const Eigen::VectorXd>& q,
+                                   int i) const noexcept {
+  const double weights = q.cwiseAbs().sum();
+  const auto count = static_cast<double>(q.size());
+  if (argument == Argument::kMean || q.size() < 2 || weights == 0) return 1 / count;
+  const double others = (q.sum() - q[i]) / (count - 1);
+  const double by_weight = std::copysign(1.0, q[i]) * (others - argumentAt(q));
+  return (by_weight + (weights - std::abs(q[i])) / (count - 1)) / weights;
+}
+
 template <class Group>
 typename Group::Tangent Stiffness::bending() const {
   typename Group::Tangent K = Stiffness{0, 0, kappa}.diagonal<Group>();
@@ -196,7 +213,7 @@ const char* ArmOf<Group>::needForTables(int k) const {
 }
 
 template <class Group>
-void ArmOf<Group>::setBending(int k, const StiffnessTable& table) {
+void ArmOf<Group>::setBending(int k, const BendingTable& table) {
   const std::string who = "section " + std::to_string(k + 1);
   table.validate(who.c_str(), "a factor on K_kappa");
   bending_.emplace_back();
@@ -382,8 +399,9 @@ typename Group::Tangent ArmOf<Group>::twistAt(const InputRef& lengths, const Inp
                                               int k) const noexcept {
   if (tapers_[k]) return taperedTwist(ofSection(lengths, k), k);
   if (bending_[k].empty()) return equilibria_[k].map * ofSection(lengths, k);
-  const double factor =
-      q != nullptr ? bending_[k].at(ofSection(*q, k).mean()) : bendingOfLengths(lengths, k).factor;
+  const BendingTable& table = bending_[k];
+  const double factor = q != nullptr ? table.at(table.argumentAt(ofSection(*q, k)))
+                                     : bendingOfLengths(lengths, k).factor;
   return balance(k, lengths, factor).twist;
 }
 
@@ -392,15 +410,17 @@ typename ArmOf<Group>::Bending ArmOf<Group>::bendingOfLengths(const InputRef& le
                                                               int k) const noexcept {
   const int count = first_[k + 1] - first_[k];
   Bending out{0.0, TaperOf<Group>::Lengths::Zero(count)};
-  double sum = 0.0;
+  typename TaperOf<Group>::Lengths inputs(count);
   for (int j = 0; j < count; ++j) {
     const ActuatorOf<Group>& actuator = actuators_[first_[k] + j];
     const auto [q, inside] = nearestInput(actuator, lengths[first_[k] + j]);
-    if (inside) out.by_length[j] = 1 / (count * actuator.contraction.slopeInside(q));
-    sum += q;
+    if (inside) out.by_length[j] = 1 / actuator.contraction.slopeInside(q);
+    inputs[j] = q;
   }
-  out.factor = bending_[k].at(sum / count);
-  out.by_length *= bending_[k].slopeAt(sum / count);
+  const BendingTable& table = bending_[k];
+  const double argument = table.argumentAt(inputs), slope = table.slopeAt(argument);
+  for (int j = 0; j < count; ++j) out.by_length[j] *= slope * table.argumentSlope(inputs, j);
+  out.factor = table.at(argument);
   return out;
 }
 

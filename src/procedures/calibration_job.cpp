@@ -6,6 +6,7 @@
 #include <cmath>
 #include <ctime>
 #include <functional>
+#include <map>
 #include <optional>
 #include <set>
 #include <utility>
@@ -643,10 +644,6 @@ class CalibrationJob {
       return "other arms share the stiffness of captures, but the data is a series of the tip; "
              "leave the other arms out";
     }
-    if (fits(FitParameter::kBase) && !scene_->tags) {
-      return "the base is fitted as the frame of the positions, tags.frame, but scene " +
-             scene_->name + " has no tags; expected a section tags, or a fit without base";
-    }
     basics::requireValue(std::isfinite(request_.rest_offset) && request_.rest_offset >= 0,
                          "calibration", "the rest offset", request_.rest_offset,
                          "a finite value >= 0, 0 for none");
@@ -659,12 +656,26 @@ class CalibrationJob {
     options.ring_radius = fits(FitParameter::kRingRadius);
     options.ring_phase = fits(FitParameter::kRingPhase);
     estimation::TipSeries tips = soundRowsOf(ofArm(data_.tips));
-    const estimation::SeriesPrior prior{scene_->model, scene_->X_BF};
+    if (fitsCurve()) lowerLimits(tips);
+    const estimation::SeriesPrior prior = priorOf(*scene_);
     outcome_.series = estimation::fitSeries(prior, tips, options);
     if (auto refusal = suspectSeries(prior, options, tips)) return refusal;
     const estimation::SeriesFit& fit = *outcome_.series;
     if (!fit.failure.empty()) return fit.failure + firstSuspect();
     warnOfLimits();
+    takeSeriesFit(fit, options);
+    return std::nullopt;
+  }
+
+  // Changes of the scene by the fit of a series, and what is to be said of it.
+  void takeSeriesFit(const estimation::SeriesFit& fit, const estimation::SeriesOptions& options) {
+    if (fit.held_out_rms > estimation::kMostOfBaseline * fit.baseline_held_out_rms) {
+      const auto millimetres = [](double length) { return std::round(1e4 * length) / 10; };
+      warn({basics::messageOf("left-out parts of the series are ", millimetres(fit.held_out_rms),
+                              " mm (RMS) off the fitted arm, but ",
+                              millimetres(fit.baseline_held_out_rms),
+                              " mm off a cubic of the pressures; ", estimation::kBeyondBaseline)});
+    }
     changes_.stiffness = fit.stiffness;
     changes_.bending = fit.bending;
     changes_.K_eps = fit.K_eps;
@@ -672,7 +683,16 @@ class CalibrationJob {
     if (fit.stroke_scale) changes_.numbers[FitParameter::kStrokeScaleEach] = *fit.stroke_scale;
     changes_.ring_radius = fit.ring_radius;
     changes_.ring_phase = fit.ring_phase;
-    if (options.arm.base) changes_.X_BF = fit.X_BF;
+    if (!fit.orientation_fault.empty()) {
+      warn({"the orientations (qx .. qw) contradict the positions and are left out: " +
+            fit.orientation_fault});
+    }
+    if (options.arm.base) {
+      const bool of_tags = scene_->tags && !scene_->motion_capture.X_BF;
+      (of_tags ? changes_.X_BF : changes_.motion_capture.X_BF) = fit.X_BF;
+    }
+    changes_.motion_capture.R_TM = fit.R_TM;
+    changes_.motion_capture.beam = fit.beam;
     for (const estimation::FittedCurve& curve : fit.curves) {
       estimation::ContractionFit table;
       table.status = estimation::ContractionFitStatus::kFitted;
@@ -687,7 +707,6 @@ class CalibrationJob {
       if (options.response) curves_.responses.emplace_back(name, fit.response);
     }
     outcome_.contractions = curves_.contractions;
-    return std::nullopt;
   }
 
   // Without the rows that cannot be positions of the tip, which are named.
@@ -755,6 +774,30 @@ class CalibrationJob {
           "arm; expected those of the tip's frame, x along the arm, or positions alone"));
     }
     return std::nullopt;
+  }
+
+  // Beyond the pressures of a series a curve would be a guess.
+  void lowerLimits(const estimation::TipSeries& tips) {
+    constexpr double kReached = 0.9, kStep = 100.0;            // of a limit; [Pa]
+    std::map<std::string, std::pair<double, double>> reached;  // by curve: limit, highest [Pa]
+    for (int i = 0; i < scene_->arm.actuatorCount(); ++i) {
+      const model::Actuator& one = scene_->arm.actuator(i);
+      auto& [limit, highest] = reached[one.curve];
+      limit = std::max(limit, one.limits.upper);
+      highest = std::max(highest, tips.history.input.col(i).maxCoeff());
+    }
+    for (const auto& [curve, pressures] : reached) {
+      const auto [limit, highest] = pressures;
+      const bool is_free = request_.contraction.empty() || request_.contraction == curve;
+      if (!is_free || !(highest > 0) || highest >= kReached * limit) continue;
+      const double lowered = kStep * std::ceil(highest / kStep);
+      warn({basics::messageOf("max_pressure_kpa is lowered from ", io::kilopascals(limit), " to ",
+                              io::kilopascals(lowered), " where the curve is ", curve,
+                              ": the series goes no higher, and beyond it the curve would be a "
+                              "guess; record up to the limit to keep it")});
+      overrides_ = io::withLimit(path_, overrides_, curve, lowered);
+    }
+    scene_ = io::loadScene(path_, overrides_);
   }
 
   // A few readings are noise about a limit.
@@ -847,7 +890,7 @@ class CalibrationJob {
   }
 
   const std::string& path_;
-  const std::vector<io::Override>& overrides_;
+  std::vector<io::Override> overrides_;  // with limits at what a series reaches
   const CalibrationRequest& request_;
   const CalibrationData& data_;
   const std::vector<CompanionArm>& companions_;

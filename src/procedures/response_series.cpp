@@ -98,6 +98,11 @@ estimation::TipSeries ofArm(const ResponseSeries& tips) {
   return {tips.history, tips.reading.leftCols(tips.planar ? 2 : 3), tips.rotation};
 }
 
+estimation::SeriesPrior priorOf(const io::Scene& scene) {
+  const io::MotionCapture& seen = scene.motion_capture;
+  return {scene.model, seen.X_BF.value_or(scene.X_BF), seen.R_TM, seen.beam};
+}
+
 std::string tipSeriesCsv(const ResponseSeries& tips, const std::string& comment) {
   const auto rounded = [](double value) { return io::formatNumber(std::round(1e7 * value) / 1e7); };
   const model::InputHistory& history = tips.history;

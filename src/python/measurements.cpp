@@ -160,7 +160,7 @@ py::tuple evaluate(const Scene& self, const Data& data) {
         const OthersRun others_run;
         const auto tips = procedures::ofArm(procedures::tipSeriesOf(set, actuators));
         errors =
-            estimation::compareSeries({scene.model, scene.X_BF}, tips).deviation.rowwise().norm();
+            estimation::compareSeries(procedures::priorOf(scene), tips).deviation.rowwise().norm();
       }
       return py::make_tuple("series", "m", arrayOf(errors));
     }

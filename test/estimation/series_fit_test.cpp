@@ -5,6 +5,8 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <functional>
+#include <optional>
 #include <string>
 
 #include <gtest/gtest.h>
@@ -39,8 +41,11 @@ struct Truth {
   Eigen::Vector3d place{0.1, -0.2, 0.3};               // [m]
   Eigen::Vector3d stroke{1, 1, 1};                     // factors on those of the chambers
   double growth = 0;      // of the stiffness against bending, for the most pressure in all chambers
+  double others = 0;      // likewise, for the most pressure in all chambers but one
   double phase = 0;       // of the ring about the axis of the base [rad]
   bool oriented = false;  // the series has orientations
+  Eigen::Matrix3d body = Eigen::Matrix3d::Identity();  // of what has them, seen from the tip
+  std::optional<Eigen::Vector2d> beam = {};  // its slopes in y and z of the tip: x, y are a dot's
 };
 
 Eigen::Vector3d normals(Random& random) {
@@ -60,7 +65,12 @@ Eigen::Matrix3d about(const Eigen::Vector3d& axis, double angle) {
 }
 
 lie::SE3 trueTip(const Eigen::Vector3d& effective, const Truth& truth) {
-  const double bend_per_length = 12.0 / (1 + truth.growth * effective.mean() / kMost);  // [rad/m]
+  double others = 0;  // mean of the others, weighted by each one's own
+  for (int i = 0; i < 3; ++i) {
+    others += effective[i] * (effective.sum() - effective[i]) / 2 / std::max(effective.sum(), 1.0);
+  }
+  const double stiffer = 1 + (truth.growth * effective.mean() + truth.others * others) / kMost;
+  const double bend_per_length = 12.0 / stiffer;  // [rad/m]
   double length = 0, y = 0, z = 0;
   for (int i = 0; i < 3; ++i) {
     const double rest = trueLength(0),
@@ -111,8 +121,14 @@ TipSeries seriesOf(const Truth& truth, int seed) {
       const lie::SE3 tip = trueTip(effective, truth);
       out.position.row(row) = truth.turn * turn * tip.translation + truth.place +
                               truth.offset * offset + truth.correlated * error + kNoise * noise;
+      if (truth.beam) {
+        const Eigen::Vector3d along = truth.turn * turn * tip.rotation *
+                                      Eigen::Vector3d(1, (*truth.beam)[0], (*truth.beam)[1]);
+        const Eigen::Vector3d from = truth.turn * turn * tip.translation + truth.place;
+        out.position.row(row) = from - from.z() / along.z() * along + kNoise * noise;
+      }
       if (!truth.oriented) continue;
-      out.rotation.push_back(truth.turn * turn * tip.rotation * turn.transpose() *
+      out.rotation.push_back(truth.turn * turn * tip.rotation * turn.transpose() * truth.body *
                              about(noise.normalized(), kTurnNoise * noise.norm()));
     }
   }
@@ -194,7 +210,7 @@ TEST(SeriesFit, LeavesOutWhatPredictsNoBetterAndSaysWhatTheDataCannotTell) {
   options.arm.stroke_scale = true;
   const SeriesFit fit = fitSeries(guess(), seriesOf({}, 5), options);
   ASSERT_EQ(fit.failure, "");
-  EXPECT_EQ(fit.choices.size(), 5u);
+  EXPECT_EQ(fit.choices.size(), 6u);
   for (const Choice& one : fit.choices) EXPECT_FALSE(one.kept) << one.part;
   EXPECT_TRUE(fit.response.instant());
   EXPECT_FALSE(parameterOf(fit, "K_gamma").identifiable);
@@ -231,8 +247,8 @@ TEST(SeriesFit, FindsABendThatStiffensWithTheMeanPressure) {
               0.05);
 }
 
-// With a base that is known, or with orientations, which alone tell a turn of the ring from one of
-// the base. Bend alone does not tell a radius.
+// With a base that is known, or with orientations of the tip itself, which alone tell a turn of the
+// ring from one of the base. Bend alone does not tell a radius.
 TEST(SeriesFit, FindsThePhaseOfARing) {
   for (const bool oriented : {false, true}) {
     Truth truth;
@@ -242,7 +258,9 @@ TEST(SeriesFit, FindsThePhaseOfARing) {
     SeriesOptions options = everything(false);
     options.arm.base = oriented;
     options.ring_radius = options.ring_phase = true;
-    const SeriesFit fit = fitSeries(guess(), seriesOf(truth, 4), options);
+    SeriesPrior prior = guess();
+    prior.R_TM = Eigen::Matrix3d::Identity();
+    const SeriesFit fit = fitSeries(prior, seriesOf(truth, 4), options);
     ASSERT_EQ(fit.failure, "");
     const Parameter& phase = parameterOf(fit, "ring_phase_1");
     EXPECT_NEAR(phase.value, 0.2, 4 * phase.standard_error);
@@ -253,6 +271,133 @@ TEST(SeriesFit, FindsThePhaseOfARing) {
     EXPECT_NEAR(parameterOf(fit, "base_rx").value, -0.5, 4 * phase.standard_error);
     EXPECT_LT(fit.rms_turn, 1.1 * std::sqrt(3) * kTurnNoise);
   }
+}
+
+TEST(SeriesFit, FindsTheRotationOfABodyFromTheMotion) {
+  Random random(31);
+  for (int trial = 0; trial < test::draws(1, 20); ++trial) {
+    Truth truth;
+    truth.oriented = true;
+    truth.body = about(normals(random).normalized(), random.uniform(0.2, kPi - 0.2));
+    truth.turn = about(normals(random).normalized(), random.uniform(0, kPi));
+    const SeriesFit fit = fitSeries(guess(), seriesOf(truth, 40 + trial), everything(false));
+    ASSERT_EQ(fit.failure, "");
+    EXPECT_EQ(fit.orientation_fault, "");
+    ASSERT_TRUE(fit.R_TM);
+    const Eigen::Vector3d expected = lie::SE3{truth.body, {}}.log().tail<3>();
+    const char* const names[] = {"body_rx", "body_ry", "body_rz"};
+    for (int i = 0; i < 3; ++i) {
+      const Parameter& found = parameterOf(fit, names[i]);
+      EXPECT_NEAR(found.value, expected[i], 5 * found.standard_error + 0.002) << names[i];
+      EXPECT_LT(found.standard_error, 0.05);
+    }
+    EXPECT_LT(fit.rms_about_offset, 1.2 * std::sqrt(3) * kNoise);
+    EXPECT_LT(fit.rms_turn, 1.2 * std::sqrt(3) * kTurnNoise);
+  }
+}
+
+// Each is named, and the positions are fitted as without orientations.
+TEST(SeriesFit, LeavesOutOrientationsThatContradictThePositions) {
+  const struct {
+    const char* says;
+    std::function<void(Eigen::Matrix3d&)> change;
+  } mistakes[] = {
+      {"w first",
+       [](Eigen::Matrix3d& R) {
+         const Eigen::Quaterniond q(R);
+         R = Eigen::Quaterniond(q.z(), q.w(), q.x(), q.y()).toRotationMatrix();
+       }},
+      {"not the body into that frame", [](Eigen::Matrix3d& R) { R.transposeInPlace(); }},
+      {"left-handed frame",
+       [](Eigen::Matrix3d& R) {
+         R = Eigen::Vector3d(1, 1, -1).asDiagonal() * R * Eigen::Vector3d(1, 1, -1).asDiagonal();
+       }},
+      {"another frame than the positions, turned by about 9",  // 90, to within a few degrees
+       [](Eigen::Matrix3d& R) { R = about(Eigen::Vector3d::UnitX(), kPi / 2) * R; }},
+      {"a body that the tip does not carry", nullptr}};
+  Truth truth;
+  truth.oriented = true;
+  truth.turn = about(Eigen::Vector3d(1, 2, -1).normalized(), 0.7);
+  truth.body = about(Eigen::Vector3d(2, 1, 1).normalized(), 0.6);
+  const TipSeries sound = seriesOf(truth, 60);
+  const SeriesFit positions = [&] {
+    TipSeries alone = sound;
+    alone.rotation.clear();
+    return fitSeries(guess(), alone, everything(false));
+  }();
+  const TipSeries other = seriesOf(truth, 61);
+  for (const auto& [says, change] : mistakes) {
+    const bool first = &says == &mistakes[0].says, last = !change;
+    if (!test::isFullSize() && !first && !last) continue;
+    TipSeries series = sound;
+    if (!change) series.rotation = other.rotation;
+    for (Eigen::Matrix3d& R : series.rotation) {
+      if (change) change(R);
+    }
+    const SeriesFit fit = fitSeries(guess(), series, everything(false));
+    ASSERT_EQ(fit.failure, "");
+    EXPECT_NE(fit.orientation_fault.find(says), std::string::npos) << fit.orientation_fault;
+    EXPECT_FALSE(fit.R_TM);
+    EXPECT_EQ(fit.rms, positions.rms) << says;
+  }
+}
+
+TEST(SeriesFit, NamesActuatorsThatFollowEachOtherInTheOtherSense) {
+  Truth truth;
+  truth.oriented = true;
+  TipSeries series = seriesOf(truth, 62);
+  series.history.input.col(1).swap(series.history.input.col(2));
+  const SeriesFit fit = fitSeries(guess(), series, everything(false));
+  EXPECT_NE(fit.orientation_fault.find("in the other sense"), std::string::npos)
+      << fit.orientation_fault;
+}
+
+// Of a base that hangs 1.2 m above the plane, as a user guesses it to within a few centimetres.
+TEST(SeriesFit, PredictsTheDotOfABeam) {
+  Truth truth;
+  truth.turn = about(Eigen::Vector3d::UnitY(), kPi / 2);
+  truth.place = {0.02, -0.03, 1.2};
+  truth.beam = {0.05, -0.08};
+  TipSeries series = seriesOf(truth, 13);
+  series.position.conservativeResize(Eigen::NoChange, 2);
+  SeriesPrior prior = guess();
+  prior.X_BF = lie::SE3{truth.turn, {0, 0, 1.25}}.inverse();
+  prior.beam = Eigen::Vector2d::Zero();
+  const SeriesFit fit = fitSeries(prior, series, everything(false));
+  ASSERT_EQ(fit.failure, "");
+  EXPECT_LT(fit.rms_about_offset, 1.2 * std::sqrt(2) * kNoise);
+  EXPECT_LT(fit.held_out_rms, 2 * std::sqrt(2) * kNoise);
+  ASSERT_TRUE(fit.beam);
+  series.position.conservativeResize(Eigen::NoChange, 3);
+  EXPECT_NE(fitSeries(prior, series, everything(false)).failure.find("x_m and y_m alone"),
+            std::string::npos);
+}
+
+// One chamber alone bends freely; others that have pressure keep it from that.
+TEST(SeriesFit, FindsABendThatTheOthersStiffen) {
+  Truth truth;
+  truth.others = 2;
+  const SeriesFit fit = fitSeries(guess(), seriesOf(truth, 9), everything(false));
+  ASSERT_EQ(fit.failure, "");
+  EXPECT_TRUE(keeps(fit, "K_kappa against the others' pressure"));
+  EXPECT_FALSE(keeps(fit, "K_kappa against pressure"));
+  EXPECT_LT(fit.rms_about_offset, 1.1 * std::sqrt(3) * kNoise);
+  ASSERT_TRUE(fit.bending);
+  EXPECT_EQ(fit.bending->argument, model::BendingTable::Argument::kOthers);
+  const double share = 0.025 * 0.025 / 2, least = fit.stiffness->kappa;
+  EXPECT_NEAR((share + least * fit.bending->factor.back()) / (share + least), 1 + truth.others,
+              0.1);
+}
+
+// The truth knows no cubic, and the cubic no arm: both leave the noise of a sound recording.
+TEST(CubicError, OfWhatWasLeftOutIsNearTheNoiseAndTellsAnotherMotion) {
+  const TipSeries series = seriesOf({}, 12);
+  const double noise = std::sqrt(3) * kNoise;
+  EXPECT_NEAR(cubicHeldOutError(series), noise, 0.5 * noise);
+  EXPECT_GT(cubicHeldOutError(series), 0.95 * noise);
+  TipSeries other = series;
+  other.history.input.col(0).reverseInPlace();
+  EXPECT_GT(cubicHeldOutError(other), 20 * noise);
 }
 
 // Although the arm has a second creep, rests elsewhere in each trial and has correlated noise. The

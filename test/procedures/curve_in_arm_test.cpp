@@ -159,7 +159,7 @@ TEST(CurveInArm, OfMusclesWithFrictionInTheArmIsRefused) {
 TEST(CurveInArm, IsRefusedBesideATableOfKKappa) {
   Set set(kKinds[1], 0, 1);
   auto section = test::ringSection({3, 0.0254, 0, {10, 0, 1e-4}}, set.curve.curve.value());
-  section.bending = {{0, test::kMaxPressure}, {1, 2}};
+  section.bending = model::StiffnessTable{{0, test::kMaxPressure}, {1, 2}};
   set.arms.front().arm = model::Arm({section});
   CalibrationOptions options;
   options.contraction = true;

@@ -164,9 +164,13 @@ INSTANTIATE_TEST_SUITE_P(, AirFaults, ::testing::ValuesIn(linesBySize(Line::kSer
 TEST_P(AirFaults, ABurstMuscleIsALeak) {
   expectFault(DeviceFault::kBurst, "leak", "muscle_1", kSpikeTime);
   inState("vented", kVentTime);  // no pressure stands, but it has burst all the same
-  // Enabled without being mended, it is found out again.
-  ASSERT_TRUE(rig_.trigger(names::kEnable).success);
-  const SafetyState again = inState("fault", kOffCourse);
+  // Enabled without being mended, it is found out again. A busy machine may miss an answer first.
+  SafetyState again;
+  for (int attempt = 0; attempt < 5; ++attempt) {
+    ASSERT_TRUE(waitFor([this] { return rig_.trigger(names::kEnable).success; }));
+    again = inState("fault", kOffCourse);
+    if (again.cause != "regulator_lost") break;
+  }
   EXPECT_EQ(again.cause, "not_following") << again.reason;
   EXPECT_NE(again.reason.find("muscle_1"), std::string::npos) << again.reason;
   expectRecovery();

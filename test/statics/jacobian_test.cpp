@@ -218,7 +218,7 @@ void expectDerivatives(const Case& c, double tolerance = kAgreement, double shor
 
 // Rings whose muscles all differ.
 model::Arm variedArm(int sections, int count, bool resists_torsion, Random& random,
-                     const StiffnessTable& bending = {}) {
+                     const model::BendingTable& bending = {}) {
   std::vector<model::Section> parts;
   for (int k = 0; k < sections; ++k) {
     test::Ring ring = test::helicalRing(count);
@@ -308,9 +308,14 @@ void expectResponseOfTheUnloadedArm(const model::Arm& arm, const Load& load,
 
 const StiffnessTable kStiffening{{0, 1.5e5, kMaxPressure}, {1, 1.5, 4}};
 
-TEST(Jacobian, FollowsAKKappaThatDependsOnTheMeanPressure) {
+class JacobianByPressure : public ::testing::TestWithParam<model::BendingTable::Argument> {};
+INSTANTIATE_TEST_SUITE_P(, JacobianByPressure,
+                         ::testing::Values(model::BendingTable::Argument::kMean,
+                                           model::BendingTable::Argument::kOthers));
+
+TEST_P(JacobianByPressure, FollowsAKKappaThatDependsOnIt) {
   Random random(17);
-  const model::Arm arm = variedArm(2, 3, true, random, kStiffening);
+  const model::Arm arm = variedArm(2, 3, true, random, {kStiffening, GetParam()});
   const Eigen::VectorXd q = innerInput(arm, random);
   Load load = loadOfLinks(arm, {5, 0, -8}, {0.05, 0.1, -0.08});
   for (const TierSetting& setting : {kLinearTier, loadedTier(3), loadedTier(5), kExactTier}) {

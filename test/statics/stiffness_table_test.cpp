@@ -55,7 +55,7 @@ TEST(StiffnessTable, TwistAndComplianceAreTheEquilibriumOfThatStiffness) {
 const model::Contraction kChamber = model::Contraction::table({0, 1.2e5}, {0.14, 0.19});
 constexpr double kRadius = 0.02, kKappa = kRadius * kRadius / 4;
 
-model::Arm chambers(const StiffnessTable& bending, double tilt, int sections = 1) {
+model::Arm chambers(const model::BendingTable& bending, double tilt, int sections = 1) {
   model::Section section = test::ringSection({3, kRadius, tilt, {10, 1e-4, kKappa}}, kChamber);
   section.bending = bending;
   return model::Arm(std::vector<model::Section>(sections, section));
@@ -104,6 +104,33 @@ TEST(BendingTable, TwistsHaveTheLeastEnergyAndHalveWhenTheOtherChambersDouble) {
   const model::PlanarArm plane({flat});
   const Eigen::Vector2d q(20e3, 40e3);
   EXPECT_LT((model::embed(plane.twists(q)) - model::embed(plane).twists(q)).norm(), 1e-12);
+}
+
+TEST(BendingTable, ThePressureOfTheOthersIs0OfOneChamberAloneAndThatOfAllAlike) {
+  using Argument = model::BendingTable::Argument;
+  const model::BendingTable table(kDoubling, Argument::kOthers);
+  EXPECT_EQ(table.argumentAt(Eigen::Vector3d(1e5, 0, 0)), 0);
+  EXPECT_DOUBLE_EQ(table.argumentAt(Eigen::Vector4d::Constant(3e4)), 3e4);
+  EXPECT_DOUBLE_EQ(table.argumentAt(Eigen::Vector3d(4e4, 4e4, 0)), 2e4);
+  EXPECT_DOUBLE_EQ(table.argumentAt(Eigen::Vector3d(-4e4, -4e4, 0)), -2e4) << "vacuum";
+  EXPECT_EQ(table.argumentAt(Eigen::Vector3d::Zero()), 0);
+  const Eigen::Vector4d q(3e4, 1e4, 5e4, 2e4);
+  for (const Argument argument : {Argument::kMean, Argument::kOthers}) {
+    const model::BendingTable one(kDoubling, argument);
+    for (int i = 0; i < 4; ++i) {
+      const Eigen::Vector4d step = Eigen::Vector4d::Unit(i);
+      const double central = (one.argumentAt(q + step) - one.argumentAt(q - step)) / 2;
+      EXPECT_NEAR(one.argumentSlope(q, i), central, 1e-8);
+    }
+  }
+  // One chamber at 120 kPa bends as far as without the table, and half as far in the end.
+  const model::Arm arm = chambers({kDoubling, Argument::kOthers}, 0), plain = chambers({}, 0);
+  const Eigen::Vector3d alone(1.2e5, 0, 0);
+  EXPECT_LT((arm.twists(alone) - plain.twists(alone)).norm(), 1e-12);
+  const Eigen::Vector3d crowded(1.0e5, 35e3, 35e3);
+  EXPECT_LT(model::curvatureOf(arm.twists(crowded)),
+            0.5 * model::curvatureOf(plain.twists(crowded)));
+  EXPECT_LT((arm.twistsOfLengths(arm.lengths(crowded)) - arm.twists(crowded)).norm(), 1e-12);
 }
 
 TEST(BendingTable, TheInverseReachesItsTargets) {

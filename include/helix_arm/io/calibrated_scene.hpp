@@ -23,8 +23,8 @@ namespace helix_arm::io {
 /// Changes of a scene by a calibration; absent members leave the scene as it is.
 struct SceneCalibration {
   std::optional<model::Stiffness> stiffness;  ///< of every actuator
-  /// How K_kappa of every section depends on the mean pressure; absent: as before. Needs stiffness.
-  std::optional<model::StiffnessTable> bending;
+  /// How K_kappa of every section depends on pressure; absent: as before. Needs stiffness.
+  std::optional<model::BendingTable> bending;
   std::optional<double> K_eps;  ///< of every section [N]
   /// (actuators) factors on the current lengths, or on those of the new curves.
   std::optional<Eigen::VectorXd> length_scale;
@@ -32,6 +32,7 @@ struct SceneCalibration {
   std::optional<Eigen::VectorXd> ring_radius, ring_phase;
   std::optional<lie::SE3> X_CB;  ///< base seen from the camera: moves the camera
   std::optional<lie::SE3> X_BF;  ///< frame of tag poses seen from the base
+  MotionCapture motion_capture;  ///< what was found of it
   /// Placements of the same tags; the tag size is ignored.
   std::optional<estimation::TagLayout> tags;
   /// Values of other fitted parameters: stroke scales (actuators), factors on those of the scene or
@@ -65,6 +66,11 @@ SceneCalibration changesOf(const Scene& scene, const estimation::Calibration& ca
 std::string calibratedSceneText(const std::string& path, const std::vector<Override>& overrides,
                                 const SceneCalibration& calibration,
                                 const std::string& sha256 = {});
+
+/// The overrides, and those that lower the limits of all actuators with a curve to a pressure [Pa].
+/// @throws DocumentError if the file cannot be read.
+std::vector<Override> withLimit(const std::string& path, std::vector<Override> overrides,
+                                const std::string& curve, double pressure);
 
 /// @throws std::invalid_argument if a section of a sound scene file lists its actuators, so that
 /// its radius and phase cannot be changed; DocumentError if the file cannot be read.

@@ -48,6 +48,16 @@ struct SafetyConfig {
   std::vector<control::ChannelRules> channels;  ///< (actuators); empty for an arm with tendons
 };
 
+/// A motion-capture system that sees a body at the arm's tip. What a calibration has not found yet
+/// is absent.
+struct MotionCapture {
+  std::optional<lie::SE3> X_BF;         ///< frame F of the positions, seen from the arm's base B
+  std::optional<Eigen::Matrix3d> R_TM;  ///< rotation of the body M seen from the tip's frame T
+  /// Direction of a beam from the tip, whose dot in the x-y plane of F is what is seen: x of T
+  /// turned about its y and then its z [rad].
+  std::optional<Eigen::Vector2d> beam;
+};
+
 /// The content of one scene file: an arm and its rig. What the file omits is absent here.
 struct Scene {
   Scene(std::string scene_name, model::Arm in_space, statics::ArmModel of_arm)
@@ -66,8 +76,10 @@ struct Scene {
   std::optional<regulator::Config> regulator;
   std::optional<estimation::TagLayout> tags;
   estimation::TagPrior tag_prior;  ///< uncertainty of their placements
-  /// Frame F of tag poses in data sets, seen from the base.
+  /// Frame F of tag poses in data sets, seen from the base; of series of the tip unless
+  /// motion_capture has another.
   lie::SE3 X_BF;
+  MotionCapture motion_capture;
   std::optional<CameraConfig> camera;
   /// How pictures are searched and fitted, including the family of the tags. Values that the file
   /// omits have their defaults.

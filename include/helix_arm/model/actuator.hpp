@@ -41,6 +41,26 @@ struct StiffnessTable {
   void validate(const char* who, const char* factors) const;
 };
 
+/// How K_kappa of a section depends on the pressures of its actuators.
+struct BendingTable : StiffnessTable {
+  /// The pressure p that its inputs are, of pressures q_1 .. q_n.
+  enum class Argument {
+    kMean,    ///< p = sum q_i / n
+    kOthers,  ///< p = sum |q_i| o_i / sum |q_i|, where o_i is the mean of all but q_i: 0 while one
+              ///< actuator alone has pressure, q if all have q
+  };
+
+  BendingTable() = default;
+  BendingTable(StiffnessTable table, Argument of = Argument::kMean)
+      : StiffnessTable(std::move(table)), argument(of) {}
+
+  /// p of the inputs (n) of a section [Pa], and its derivative by input i.
+  double argumentAt(const Eigen::Ref<const Eigen::VectorXd>& q) const noexcept;
+  double argumentSlope(const Eigen::Ref<const Eigen::VectorXd>& q, int i) const noexcept;
+
+  Argument argument = Argument::kMean;
+};
+
 /// How an actuator is driven, which sets the unit of its input q.
 enum class Drive {
   kPressure,  ///< a muscle or bellows; q is its gauge pressure [Pa]

@@ -29,8 +29,8 @@ using PlanarTwists = TwistsOf<lie::SE2>;
 template <class Group>
 struct SectionOf {
   std::vector<ActuatorOf<Group>> actuators;
-  double plate = 0.0;        ///< rigid length beyond the section, along x of its end, >= 0 [m]
-  StiffnessTable bending{};  ///< of K_kappa, against the mean input of the actuators [Pa]
+  double plate = 0.0;      ///< rigid length beyond the section, along x of its end, >= 0 [m]
+  BendingTable bending{};  ///< factor on K_kappa
 };
 
 /// Rigid links of an arm, (sections): pose of what follows section k, seen from the end of its base
@@ -107,9 +107,9 @@ class ArmOf {
   const std::shared_ptr<const TaperOf<Group>>& taper(int k) const { return tapers_[k]; }
   /// Whether any section is tapered.
   bool tapered() const { return steps_ > 0; }
-  /// Factor on K_kappa of section k as a function of the mean input of its actuators; empty if it
-  /// is constant.
-  const StiffnessTable& bending(int k) const { return bending_[k]; }
+  /// Factor on K_kappa of section k as a function of the inputs of its actuators; empty if it is
+  /// constant.
+  const BendingTable& bending(int k) const { return bending_[k]; }
   /// Whether K_kappa of any section depends on inputs.
   bool hasTables() const { return has_tables_; }
   /// Whether the twist of each section is constant and linear in the lengths: without taper, and
@@ -211,7 +211,7 @@ class ArmOf {
                                 kMaxSections * kMaxActuators, 1>;  // without the heap
 
   ArmOf(std::vector<SectionOf<Group>> sections, const Group& tool, int steps);
-  void setBending(int k, const StiffnessTable& table);
+  void setBending(int k, const BendingTable& table);
   void chooseSteps();
   void setSteps(int steps);
   Lengths lengthsInside(const InputRef& q) const noexcept;
@@ -238,7 +238,7 @@ class ArmOf {
   std::vector<std::shared_ptr<const TaperOf<Group>>> tapers_;
   std::vector<Steps> section_steps_;  // empty where a section is not tapered
   int steps_ = 0;                     // per section; 0 without taper
-  std::vector<StiffnessTable> bending_;
+  std::vector<BendingTable> bending_;
   bool has_tables_ = false, is_linear_ = true;
   std::vector<double> plates_;
   Group tool_;

@@ -10,6 +10,7 @@
 #include "helix_arm/calibration/contraction_fit.hpp"
 #include "helix_arm/calibration/series_fit.hpp"
 #include "helix_arm/io/data_set.hpp"
+#include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/arm_response.hpp"
 
 /// Measurements that tell how actuators follow their pressures.
@@ -41,6 +42,9 @@ ResponseSeries tipSeriesOf(const io::DataSet& data, int actuators);
 
 /// The same for a fit of the arm: without z where there is none.
 estimation::TipSeries ofArm(const ResponseSeries& tips);
+
+/// Prior knowledge of the arm of such a series, as its scene has it.
+estimation::SeriesPrior priorOf(const io::Scene& scene);
 
 /// Columns of such a data set besides the pressures: time_s, three positions, seen and trial.
 inline constexpr std::size_t kTipSeriesColumns = 6;

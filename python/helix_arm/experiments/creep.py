@@ -17,6 +17,7 @@ HOLD_S, TOP = 112.0, 0.6
 CYCLES, CYCLE_S = 20, 4.0
 DECADE_S, WIDTH = (10.0, 100.0), 0.1  # where the drift is read, each over so much of the time around it
 FATIGUE = "fatigue"  # in the name of its trial
+NO_STEP = "no step of it alone is held; record one of 2 min, as helix_arm experiment creep does."
 
 
 def plan(rig: Rig, scene: Scene, options: Options) -> List[Trial]:
@@ -34,6 +35,8 @@ def plan(rig: Rig, scene: Scene, options: Options) -> List[Trial]:
 def drift_of(name: str, recording: Recording) -> Tuple[List[Figure], List[Curve]]:
     actuator, pressure = driven(recording)
     steps = steps_of(recording.time_s, pressure)
+    if not steps:
+        return [Figure.unknown(f"{name} creep", "c", "mm/decade", NO_STEP)], []
     held = max(steps, key=lambda one: recording.time_s[one.end] - recording.time_s[one.begin])
     begin, end = recording.time_s[[held.begin, held.end]]
     since = recording.time_s - begin
@@ -42,7 +45,7 @@ def drift_of(name: str, recording: Recording) -> Tuple[List[Figure], List[Curve]
     before = (recording.time_s < begin) & (recording.time_s > begin - 1) & recording.seen()
     around = (np.abs(since - first) < WIDTH * first) & recording.seen()
     if before.sum() < 3 or around.sum() < 3:
-        return [Figure.unknown(f"{name} creep", "c", "mm/decade", "the tip is not seen before the step or after it.")], []
+        return [Figure.unknown(f"{name} creep", "c", "mm/decade", "the tip is not seen at rest before the step, or after it.")], []
     way = recording.tip_m[around].mean(axis=0) - recording.tip_m[before].mean(axis=0)
     along = recording.tip_m @ (way / np.linalg.norm(way))
     decades = np.log10(last / first)

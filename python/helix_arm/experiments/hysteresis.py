@@ -140,7 +140,8 @@ def analyse(recordings: Recordings, names: Sequence[str], scene: Optional[Scene]
             rates[-1].append(cycle)
         rates = sorted((one[1:] for one in rates if len(one) > 2), key=lambda one: one[0].rate)
         if not rates:
-            why = f"fewer than two cycles after the first one in {trial}."
+            why = f"fewer than two cycles of it alone after the first one in {trial}; record triangles of its pressure, as helix_arm " \
+                "experiment hysteresis does."
             out.figures.append(Figure.unknown(f"{name} loop width", "H", "%", why))
             continue
         for cycles in rates:

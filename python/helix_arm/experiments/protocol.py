@@ -13,6 +13,8 @@ from helix_arm.scene import Scene
 BASE = 0.1  # of the range: pressure of the actuators that are not driven, and where driven ones begin
 RATE = 0.8  # of the slew rate, that inputs use
 TAIL_S = 0.5  # vented, at the end of a trial
+MOVES = 0.1  # of the largest range of pressure, that of an actuator that moves in a recording
+MOVING, MOVING_S = 0.02, 0.25  # of its range within this time to both sides: it moves there [s]
 
 
 @dataclass(frozen=True)
@@ -124,6 +126,39 @@ class Course:
         return self
 
 
+def pressures_of(recording: Recording) -> np.ndarray:
+    """Targets (m, n) [Pa]; where these are not known, readings."""
+    return recording.target_pa if np.isfinite(recording.target_pa).all() else recording.measured_pa
+
+
+def parts_of(recording: Recording) -> List[Recording]:
+    """The recording where one actuator moves at most; else its parts in which one moves while the others stand still, each from where
+    another one has stopped to where another one begins."""
+    every = pressures_of(recording)
+    if every.shape[1] < 2 or len(every) < 3:
+        return [recording]
+    widths = np.ptp(every, axis=0)
+    active = np.flatnonzero(widths > MOVES * widths.max())
+    if len(active) < 2:
+        return [recording]
+    time = recording.time_s
+    before, after = np.searchsorted(time, time - MOVING_S), np.searchsorted(time, time + MOVING_S) - 1
+    moving = np.abs(every[after] - every[before])[:, active] > MOVING * widths[active]
+    out, begin, mover = [], 0, -1
+    for row in range(len(time) + 1):
+        movers = np.flatnonzero(moving[row]) if row < len(time) else np.array([-1, -1])
+        if mover >= 0 and (len(movers) > 1 or len(movers) == 1 and movers[0] != mover):
+            others = np.delete(moving, mover, axis=1)[begin:row].any(axis=1)
+            rows = np.arange(begin, row)[np.flatnonzero(others)[-1] + 1 if others.any() else 0:]
+            if len(rows) > 2:
+                out.append(Recording(*(getattr(recording, name)[rows] for name in ("time_s", "target_pa", "measured_pa", "tip_m"))))
+            mover = -1
+        if mover < 0 and row < len(time) and len(movers) == 1:
+            stops = [np.flatnonzero(one[:row])[-1] + 1 if one[:row].any() else 0 for one in np.delete(moving, movers[0], axis=1).T]
+            begin, mover = max(stops), movers[0]
+    return out
+
+
 def driven(recording: Recording) -> Tuple[int, np.ndarray]:
     """The actuator whose pressure changes most, and its target (m,) [Pa]; where that is not known, its reading.
 
@@ -131,7 +166,6 @@ def driven(recording: Recording) -> Tuple[int, np.ndarray]:
     """
     if recording.measured_pa.size == 0:
         raise ValueError("a recording has no pressures; expected the columns pressure_1_kpa ..")
-    known = np.isfinite(recording.target_pa).all()
-    every = recording.target_pa if known else recording.measured_pa
+    every = pressures_of(recording)
     actuator = int(np.argmax(np.subtract(*np.percentile(every, [97, 3], axis=0))))
     return actuator, every[:, actuator]

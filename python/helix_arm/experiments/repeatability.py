@@ -80,7 +80,8 @@ def holds_of(recording: Recording, least_s: float = 2 * LOOK_S) -> List[Tuple[np
 def held_of(recordings: Iterable[Recording]) -> List[List[Tuple[np.ndarray, np.ndarray]]]:
     """Targets (n) [Pa] and tips (3,) [m] of the holds, by target; of targets that are held as often as any other."""
     groups: Dict[Tuple[int, ...], List[Tuple[np.ndarray, np.ndarray]]] = {}
-    for target, tip, _ in (one for recording in recordings for one in holds_of(recording)):
+    known = (one for one in recordings if np.isfinite(one.target_pa).all())
+    for target, tip, _ in (one for recording in known for one in holds_of(recording)):
         groups.setdefault(tuple(np.round(1e-2 * target).astype(int)), []).append((target, tip))
     most = max(map(len, groups.values()), default=0)
     return [group for group in groups.values() if len(group) == most]
@@ -99,7 +100,7 @@ def _figure(name: str, symbol: str, found: Tuple[float, float], definition: str)
 def pose_figures(recording: Recording, scene: Optional[Scene]) -> List[Figure]:
     found, out = attained_of(recording), []
     if not found:
-        return [Figure.unknown("pose repeatability", "RP", "mm", "no targets are held for 2 s more than three times.")]
+        return [Figure.unknown("pose repeatability", "RP", "mm", "no known targets are held for 2 s more than three times.")]
     wanted = {name: None if scene is None else scene.tips(target) for name, (target, _) in found.items()}
     for name, (_, tips) in found.items():
         tip = wanted[name]

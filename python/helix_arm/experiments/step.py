@@ -19,6 +19,7 @@ LEAST, STILL, STILL_S = 0.15, 0.05, 0.1  # changes of the range of pressure that
 RESIDUAL_RATIO, LEAST_WIDTH = 1.3, 1.5  # variance about a fit, by that of the noise; half width of a fit, by the spacing of readings
 RINGING = 2 / 3  # of the releases and steps, that have to ring
 SURE = 4.5  # standard deviations of a fitted value
+NO_STEPS = "no step of it alone is made twice; record steps of its pressure, as helix_arm experiment step does."
 FINAL, BEFORE_S = 0.2, 1.0  # part of the hold whose mean is the final value; time before a step whose mean is the start
 
 
@@ -275,6 +276,9 @@ def analyse(recordings: Recordings, names: Sequence[str], scene: Optional[Scene]
     """recordings: steps of one actuator at a time, each size at least twice; or releases without a pressure."""
     out = Analysis()
     groups = _groups(recordings, names)
+    for actuator in {driven(one)[0] for one in recordings.values() if one.measured_pa.size}:
+        if not any(name.startswith(f"{names[actuator]} ") for name in groups):
+            out.figures.append(Figure.unknown(f"{names[actuator]} 63 % time", "t63", "s", NO_STEPS))
     for name, group in groups.items():
         curves = []
         for what in ("pressure", "tip"):

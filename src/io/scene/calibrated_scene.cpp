@@ -174,13 +174,13 @@ Eigen::VectorXd numbersOf(const Value& given) {
 }
 
 // K_kappa that depends on pressure: as before and scaled as a whole, or as a new table says.
-void putKappa(double least, const std::optional<model::StiffnessTable>& bending, Value& stiffness) {
+void putKappa(double least, const std::optional<model::BendingTable>& bending, Value& stiffness) {
   Value* const given = findValue(stiffness, "K_kappa_m2");
   if (bending) {
     std::vector<double> pressure = bending->input, ratio = bending->factor;
     for (double& one : ratio) one *= least;
     setValue(stiffness, "K_kappa_m2",
-             mapOf({{"mean_pressure_kpa", Numbers{kPressure}, pressure, kKilo},
+             mapOf({{keyOf(bending->argument), Numbers{kPressure}, pressure, kKilo},
                     {"ratio_m2", Numbers{kStiffness}, ratio}}));
   } else if (given != nullptr && given->kind == Value::Kind::kMap) {
     Value& list = *findValue(*given, "ratio_m2");
@@ -192,7 +192,7 @@ void putKappa(double least, const std::optional<model::StiffnessTable>& bending,
 }
 
 void putStiffness(const model::Stiffness& stiffness,
-                  const std::optional<model::StiffnessTable>& bending, Value& document) {
+                  const std::optional<model::BendingTable>& bending, Value& document) {
   if (bending) {
     // It belongs to sections: their actuators have no stiffness of their own.
     for (const ActuatorEntry& entry : actuatorEntries(document)) {
@@ -256,6 +256,28 @@ void putRings(const SceneCalibration& changes, Value& document) {
 }
 
 void putPose(lie::SE3 X, Value& map) { writeKeys(poseKeys(X, kFinite), map); }
+
+// A map of the document, which may be new.
+Value& mapIn(Value& document, const char* key) {
+  if (findValue(document, key) == nullptr) setValue(document, key, mapOf({}));
+  return *findValue(document, key);
+}
+
+Value poseValue(const lie::SE3& X) {
+  Value out = mapOf({});
+  putPose(X, out);
+  return out;
+}
+
+void putMotionCapture(const MotionCapture& found, Value& document) {
+  if (!found.X_BF && !found.R_TM && !found.beam) return;
+  Value& keys = mapIn(document, "motion_capture");
+  if (found.X_BF) setValue(keys, "frame", poseValue(*found.X_BF));
+  if (found.R_TM) setValue(keys, "body_rpy_deg", numbersValue(rpyDegOf(*found.R_TM)));
+  if (found.beam) {
+    setValue(keys, "beam_deg", numbersValue(Eigen::Vector2d(*found.beam * (180 / basics::kPi))));
+  }
+}
 
 void putCamera(const Scene& scene, const lie::SE3& X_CB, Value& document) {
   basics::require(scene.camera.has_value(), "calibratedSceneText: the base is seen from a camera, ",
@@ -325,14 +347,8 @@ void putTags(const Scene& scene, const estimation::TagLayout& layout, Value& doc
   groups = listValue(placed);
 }
 
-// The map `follow`, which may be new.
-Value& followOf(Value& document) {
-  if (findValue(document, "follow") == nullptr) setValue(document, "follow", mapOf({}));
-  return *findValue(document, "follow");
-}
-
 void putMode(const estimation::Mode& mode, Value& document) {
-  Value& follow = followOf(document);
+  Value& follow = mapIn(document, "follow");
   setValue(follow, "mode_hz", numberValue(mode.frequency));
   setValue(follow, "mode_damping", numberValue(mode.damping));
 }
@@ -355,11 +371,8 @@ void putCalibration(const Scene& scene, const SceneCalibration& changes, Value& 
   }
   if (changes.mode) putMode(*changes.mode, document);
   if (changes.X_CB) putCamera(scene, *changes.X_CB, document);
-  if (changes.X_BF) {
-    Value frame = mapOf({});
-    putPose(*changes.X_BF, frame);
-    setValue(tagsOf(scene, document), "frame", std::move(frame));
-  }
+  if (changes.X_BF) setValue(tagsOf(scene, document), "frame", poseValue(*changes.X_BF));
+  putMotionCapture(changes.motion_capture, document);
   if (changes.tags) putTags(scene, *changes.tags, document);
   for (const auto& [parameter, values] : changes.numbers) {
     if (parameter == estimation::FitParameter::kStrokeScaleEach) {
@@ -509,6 +522,21 @@ std::string calibratedSceneText(const std::string& path, const std::vector<Overr
   return checkedText(kTitle, document, path + ", once calibrated,");
 }
 
+std::vector<Override> withLimit(const std::string& path, std::vector<Override> overrides,
+                                const std::string& curve, double pressure) {
+  FaultList faults(path);
+  SceneDocument scene = readSceneDocument(path, overrides, faults);
+  faults.throwIfAny();
+  for (const ActuatorEntry& entry : actuatorEntries(scene.document)) {
+    if (entry.keys->find("contraction")->text != curve) continue;
+    std::string key = joinPath(entry.path, "max_pressure_kpa");
+    std::replace(key.begin(), key.end(), '[', '.');
+    key.erase(std::remove(key.begin(), key.end(), ']'), key.end());
+    overrides.push_back({key, formatNumber(kilopascals(pressure))});
+  }
+  return overrides;
+}
+
 void requireRings(const std::string& path, const std::vector<Override>& overrides) {
   FaultList faults(path);
   Value document = readSceneDocument(path, overrides, faults).document;
@@ -559,7 +587,7 @@ std::string sceneTextWithContacts(const std::string& path, const std::vector<Ove
   FaultList faults(path);
   Value document = readSceneDocument(path, overrides, faults).document;
   makeScene(document, faults);
-  Value& keys = followOf(document);
+  Value& keys = mapIn(document, "follow");
   setValue(keys, "contact_limit", numberValue(limit));
   setValue(keys, "on_contact", plainValue(nameOf(reaction)));
   return checkedText(title, document, path + ", with the new limit of contacts,");

@@ -88,6 +88,7 @@ Scene makeScene(const Value& document, FaultList& faults) {
   auto [name, contractions, arm, model] = readSceneArm(keys);
   const ArmParts* const known_arm = arm ? &*arm : nullptr;
   std::optional<TagParts> tags = readTags(keys, known_arm);
+  const MotionCapture motion_capture = readMotionCapture(keys);
   auto camera = readCamera(keys);
   vision::LocalizerConfig vision = readVision(keys, tags ? tags->family : std::string());
   SimulationConfig simulation = readSimulation(keys, known_arm);
@@ -110,6 +111,7 @@ Scene makeScene(const Value& document, FaultList& faults) {
     scene.tag_prior = tags->prior;
     scene.X_BF = tags->X_BF;
   }
+  scene.motion_capture = motion_capture;
   scene.camera = std::move(camera);
   scene.vision = std::move(vision);
   const bool pulled_out = scene.model.load() && !statics::inPlane(*scene.model.load());

@@ -40,8 +40,11 @@ struct InheritedStiffness {
   std::optional<model::Stiffness> value;
   std::optional<double> K_eps;  ///< [N]; of a table, the least
   statics::StiffnessTable table;
-  model::StiffnessTable bending;  ///< of K_kappa, whose least one is that of `value`
+  model::BendingTable bending;  ///< of K_kappa, whose least one is that of `value`
 };
+
+/// Key of the pressures in a table of K_kappa.
+const char* keyOf(model::BendingTable::Argument argument);
 
 /// The map's own `stiffness`, otherwise the inherited one; K_eps is inherited separately.
 InheritedStiffness readStiffness(const MapReader& owner, InheritedStiffness inherited);
@@ -120,6 +123,9 @@ struct TagParts {
 };
 /// Reads `tags`.
 std::optional<TagParts> readTags(const MapReader& scene, const ArmParts* arm);
+
+/// Reads `motion_capture`.
+MotionCapture readMotionCapture(const MapReader& scene);
 
 /// Reads `vision`.
 /// @param family  family of the tags; empty if the scene has none.

@@ -392,14 +392,18 @@ void readActuator(const MapReader& keys, const InheritedStiffness& inherited, Ar
 }
 
 // A stiffness that is a number or, against pressure, a table.
+using Argument = model::BendingTable::Argument;
+
 struct StiffnessKeys {
   const char *key, *pressure, *value;
   NumberRule number, entry;
 };
 constexpr StiffnessKeys kEpsKeys{"K_eps_n", "pressure_kpa", "force_n", kExtensionalStiffness,
                                  kExtensionalStiffness};
-constexpr StiffnessKeys kKappaKeys{"K_kappa_m2", "mean_pressure_kpa", "ratio_m2", kStiffness,
-                                   within(kPositive, 0, 1e15)};
+// Keys of K_kappa against the pressure that an argument is.
+StiffnessKeys kappaKeys(Argument argument) {
+  return {"K_kappa_m2", keyOf(argument), "ratio_m2", kStiffness, within(kPositive, 0, 1e15)};
+}
 
 // @param least  its value, or the least one of the table.
 void readEntry(const MapReader& owner, const StiffnessKeys& of, double& least,
@@ -424,6 +428,14 @@ void readEntry(const MapReader& owner, const StiffnessKeys& of, double& least,
     table.input.push_back(pascals((*pressure)[i]));
     table.factor.push_back((*value)[i] / least);
   }
+}
+
+void readKappa(const MapReader& owner, double& least, model::BendingTable& table) {
+  const Value* const given = owner.find("K_kappa_m2");
+  const bool is_map = given != nullptr && given->kind == Value::Kind::kMap;
+  const bool by_others = is_map && given->find(keyOf(Argument::kOthers)) != nullptr;
+  table.argument = by_others ? Argument::kOthers : Argument::kMean;
+  readEntry(owner, kappaKeys(table.argument), least, table);
 }
 
 // A table must cover what its actuators can be asked for.
@@ -502,6 +514,10 @@ model::Response readResponse(const MapReader& owner, const std::string& key) {
   return response;
 }
 
+const char* keyOf(Argument argument) {
+  return argument == Argument::kMean ? "mean_pressure_kpa" : "others_pressure_kpa";
+}
+
 Contractions readContractions(const MapReader& scene) {
   Contractions contractions;
   const std::string key = "contractions";
@@ -515,15 +531,14 @@ Contractions readContractions(const MapReader& scene) {
 
 InheritedStiffness readStiffness(const MapReader& owner, InheritedStiffness stiffness) {
   model::Stiffness K{};
-  model::StiffnessTable bending;
-  const auto keys = owner.map("stiffness", {Key("K_gamma", kStiffness, K.gamma).required(),
-                                            Key("K_tau_m2", kStiffness, K.tau).required(),
-                                            Key("K_kappa_m2",
-                                                [&](const MapReader& map, const std::string&) {
-                                                  readEntry(map, kKappaKeys, K.kappa, bending);
-                                                })
-                                                .required(),
-                                            "K_eps_n"});
+  model::BendingTable bending;
+  const auto keys = owner.map(
+      "stiffness", {Key("K_gamma", kStiffness, K.gamma).required(),
+                    Key("K_tau_m2", kStiffness, K.tau).required(),
+                    Key("K_kappa_m2", [&](const MapReader& map,
+                                          const std::string&) { readKappa(map, K.kappa, bending); })
+                        .required(),
+                    "K_eps_n"});
   if (!keys) return stiffness;
   stiffness.value = K;
   stiffness.bending = bending;
@@ -574,7 +589,7 @@ SectionParts readSection(const Value& value, const std::string& path, FaultList&
   }
   parts.section.bending = parts.stiffness.bending;
   checkTable(keys, kEpsKeys.key, parts.stiffness.table, parts.section);
-  checkTable(keys, kKappaKeys.key, parts.section.bending, parts.section);
+  checkTable(keys, "K_kappa_m2", parts.section.bending, parts.section);
   checkStiffness(keys, parts);
   return parts;
 }

@@ -22,14 +22,14 @@ model::UnloadedOf<Group> withTables(const model::ArmOf<Group>& arm, const Load& 
       compliance = complianceOf(arm, load, k);
       continue;
     }
-    double sum = 0.0;
     const int begin = arm.firstActuator(k), end = arm.firstActuator(k + 1);
+    Eigen::VectorXd inputs(end - begin);
     for (int i = begin; i < end; ++i) {
-      const double q = inputOf(i);
-      if (has_table) factor[i] = load.tables[k].at(q);
-      sum += q;
+      inputs[i - begin] = inputOf(i);
+      if (has_table) factor[i] = load.tables[k].at(inputs[i - begin]);
     }
-    const auto at = arm.balance(k, lengths, arm.bending(k).at(sum / (end - begin)), &factor);
+    const model::BendingTable& table = arm.bending(k);
+    const auto at = arm.balance(k, lengths, table.at(table.argumentAt(inputs)), &factor);
     out.twists.col(k) = at.twist;
     compliance = arm.freeLength(k) / load.K_eps[k] * at.compliance;
   }
