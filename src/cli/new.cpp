@@ -275,7 +275,8 @@ json takeRecording(NewArguments& arguments) {
   arguments.take(kTagSize, arm.tag_size, 0.0);
   arguments.take("--regulator", arm.regulator, std::string("none"));
   if (arm.extending || arm.chambers) return notes;
-  const std::optional<bool> found = lengthens(arguments, arm, tips);
+  const std::optional<bool> found =
+      lengthens(arguments, arm, procedures::tipSeriesOf(data, arm.sections * arm.muscles));
   arm.extending = found.value_or(false);
   notes.push_back(
       found ? (arm.extending ? "the actuators lengthen under pressure, as the recording shows"

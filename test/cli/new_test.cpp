@@ -1,4 +1,6 @@
 // helix_arm new: the scene that it writes loads, passes the check and holds what was asked for.
+#include <cmath>
+#include <cstdio>
 #include <filesystem>
 
 #include <gtest/gtest.h>
@@ -171,6 +173,31 @@ json foundBy(const json& result, const std::string& check) {
   const json finding = findingOf(result, check);
   if (finding.is_null()) throw std::runtime_error("no " + check + " in " + result.dump());
   return finding;
+}
+
+// Two pressures that bend an arm 70 degrees apart: two of four around it, whose others are not in
+// the recording.
+TEST(NewOfARecording, TakesActuatorsAndTheirHighestPressure) {
+  std::string rows = "time_s,pressure_1_kpa,pressure_2_kpa,x_m,y_m,z_m\n";
+  for (int k = 0; k < 400; ++k) {
+    const double a = k / 200 % 2 == 0 ? 0.5 - 0.5 * std::cos(0.1 * k) : 0,
+                 b = 0.5 - 0.5 * std::cos(0.037 * k), y = a + 0.34 * b, z = 0.94 * b;
+    char row[120];
+    std::snprintf(row, sizeof row, "%g,%g,%g,%g,%g,%g\n", 0.1 * k, 72.3 * a, 72.3 * b,
+                  0.3 - 0.01 * (y * y + z * z), 0.04 * y, 0.04 * z);
+    rows += row;
+  }
+  const TemporaryFolder folder;
+  const TemporaryFile recording(rows, ".csv");
+  const std::string out = folder / "arm.yaml";
+  resultOf({"new", "--defaults", "--recording", recording.path(), "--out", out});
+  const io::Scene scene = io::loadScene(out);
+  EXPECT_EQ(scene.arm.actuatorCount(), 4);
+  EXPECT_EQ(scene.arm.actuator(0).limits.upper, 74e3);
+  EXPECT_FALSE(scene.tags || scene.regulator);
+  const Outcome refused =
+      runCommand({"new", "--defaults", "--force", "--recording", scenePath("demo"), "--out", out});
+  EXPECT_EQ(refused.exit_code, 2);
 }
 
 TEST(Check, ASoundRigPassesAndTellsWhatIsSeen) {
