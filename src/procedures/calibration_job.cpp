@@ -778,7 +778,8 @@ class CalibrationJob {
 
   // Beyond the pressures of a series a curve would be a guess.
   void lowerLimits(const estimation::TipSeries& tips) {
-    constexpr double kReached = 0.9, kStep = 100.0;            // of a limit; [Pa]
+    // Parts of a limit: reached, and too little of it to be meant; [Pa].
+    constexpr double kReached = 0.9, kLeast = 0.5, kStep = 100.0;
     std::map<std::string, std::pair<double, double>> reached;  // by curve: limit, highest [Pa]
     for (int i = 0; i < scene_->arm.actuatorCount(); ++i) {
       const model::Actuator& one = scene_->arm.actuator(i);
@@ -789,7 +790,7 @@ class CalibrationJob {
     for (const auto& [curve, pressures] : reached) {
       const auto [limit, highest] = pressures;
       const bool is_free = request_.contraction.empty() || request_.contraction == curve;
-      if (!is_free || !(highest > 0) || highest >= kReached * limit) continue;
+      if (!is_free || highest < kLeast * limit || highest >= kReached * limit) continue;
       const double lowered = kStep * std::ceil(highest / kStep);
       warn({basics::messageOf("max_pressure_kpa is lowered from ", io::kilopascals(limit), " to ",
                               io::kilopascals(lowered), " where the curve is ", curve,
