@@ -4,7 +4,8 @@
 usage: real_arms.py FOLDER   the recordings: three_chamber_steps.csv with three_chamber_guess.yaml, two_section_steps.csv,
                              koopman_arm.csv, fabric_two_chambers.csv; those that are absent are left out
 Prints one row per arm: what was fitted, the RMS distance of the tip on trials left out, with the offset of each trial taken
-off, and that of a cubic of the pressures behind a lag, fitted to those trials without the part that it predicts. The command helix_arm has to be on PATH. docs/real_arms.md explains each step.
+off, and that of a cubic of the pressures behind a lag, fitted to those trials without the part that it predicts. The command
+helix_arm has to be on PATH. docs/real_arms.md explains each step.
 """
 
 import csv

@@ -34,7 +34,7 @@ struct FaultHypothesis {
   std::string cause;
   std::string subject;  ///< empty: the muscle whose fitted length is the odd one
   /// Remedy, by a calibration without the mistake; nothing if that shows that there was none.
-  /// That of a mistake in pressures or in a recording does not depend on the calibration.
+  /// Remedies of mistakes in pressures or in a recording do not depend on the calibration.
   std::function<std::optional<std::string>(double size, const Calibration&)> remedy;
 
   /// From the pressures that were read to those in the muscles (rows x actuators) [Pa].

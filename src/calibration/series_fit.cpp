@@ -19,9 +19,8 @@ constexpr Eigen::Index kMostRows = 5000;  // that are compared
 constexpr Eigen::Index kLeastRows = 50;   // with a position
 constexpr double kReached = 0.9;          // of a curve's range of pressures, by the series
 constexpr double kLeastMotion = 0.002, kMostMotion = 20.0;  // of the tip, RMS, of the arm's length
-constexpr double kBendLever = 0.5;  // motion of the tip by a bend of 1 rad, of the arm's length
-constexpr int kRounds = 3;          // of noise and fit
-constexpr int kMostRounds = 3;      // of choices
+constexpr int kRounds = 3;                                  // of noise and fit
+constexpr int kMostRounds = 3;                              // of choices
 constexpr char kGrowth[] = "K_kappa against pressure", kLagAndSlow[] = "lag and slow state";
 constexpr double kByChance = 0.02;
 constexpr double kSignificant = 1.0;  // standard errors
@@ -561,10 +560,7 @@ std::string contradictionOf(const SeriesPrior& prior, const SeriesRecording& rec
 SeriesFit fitSeries(const SeriesPrior& prior, const TipSeries& series,
                     const SeriesOptions& options) {
   SeriesFit refused;
-  const CalibrationOptions& arm = options.arm;
-  const double lever = arm.rotation_noise > 0 ? arm.position_noise / arm.rotation_noise
-                                              : kBendLever * prior.model.arm().restLength();
-  SeriesRecording recording(prior.model.arm(), series, kMostRows, lever);
+  SeriesRecording recording(prior.model.arm(), series, kMostRows, leverOf(prior, options));
   for (SeriesRecording::Curve& one : recording.curves)
     one.free &= options.curve.empty() || one.name == options.curve;
   refused.failure = faultOf(prior, recording, options);

@@ -66,6 +66,17 @@ Eigen::Matrix3d rotationOf(const Eigen::Vector3d& vector) {
   return lie::SO3::exp(vector).quaternion.toRotationMatrix();
 }
 
+Eigen::Matrix3d withScalarFirst(const Eigen::Matrix3d& R) {
+  const Eigen::Quaterniond q(R);
+  return Eigen::Quaterniond(q.x(), q.y(), q.z(), q.w()).toRotationMatrix();
+}
+
+Eigen::Matrix3d mirrored(const Eigen::Matrix3d& R, int axis) {
+  Eigen::Vector3d signs = Eigen::Vector3d::Ones();
+  signs[axis] = -1;
+  return signs.asDiagonal() * R * signs.asDiagonal();
+}
+
 Eigen::Matrix3d meanBody(const Rotations& R_FT, const Rotations& R_FM) {
   Eigen::Matrix3d sum = Eigen::Matrix3d::Zero();
   for (std::size_t k = 0; k < R_FT.size(); ++k) sum += R_FT[k].transpose() * R_FM[k];
@@ -85,28 +96,20 @@ std::string faultOfOrientations(const Rotations& R_FT, const Rotations& R_FM) {
     const char* text;
     std::function<Eigen::Matrix3d(const Eigen::Matrix3d&)> correct;
   };
-  const auto mirrored = [](int axis) {
-    Eigen::Vector3d signs = Eigen::Vector3d::Ones();
-    signs[axis] = -1;
-    return [signs](const Eigen::Matrix3d& R) -> Eigen::Matrix3d {
-      return signs.asDiagonal() * R * signs.asDiagonal();
-    };
+  const auto across = [](int axis) {
+    return [axis](const Eigen::Matrix3d& R) { return mirrored(R, axis); };
   };
   static const char* const kMirrored =
       "they are of a left-handed frame: change the sign of one axis in positions and orientations "
       "alike";
   const Mistake mistakes[] = {
-      {"the file has w first: name its columns qw, qx, qy, qz",
-       [](const Eigen::Matrix3d& R) -> Eigen::Matrix3d {
-         const Eigen::Quaterniond q(R);
-         return Eigen::Quaterniond(q.x(), q.y(), q.z(), q.w()).toRotationMatrix();
-       }},
+      {"the file has w first: name its columns qw, qx, qy, qz", withScalarFirst},
       {"they turn the frame of the positions into the body, not the body into that frame: change "
        "the signs of qx, qy and qz",
        [](const Eigen::Matrix3d& R) -> Eigen::Matrix3d { return R.transpose(); }},
-      {kMirrored, mirrored(0)},
-      {kMirrored, mirrored(1)},
-      {kMirrored, mirrored(2)}};
+      {kMirrored, across(0)},
+      {kMirrored, across(1)},
+      {kMirrored, across(2)}};
   const char* best = nullptr;
   double least = kExplained;
   for (const Mistake& one : mistakes) {

@@ -13,6 +13,11 @@ using Rotations = std::vector<Eigen::Matrix3d>;
 Eigen::Vector3d rotationVector(const Eigen::Matrix3d& R);
 Eigen::Matrix3d rotationOf(const Eigen::Vector3d& vector);
 
+/// The rotation of a quaternion that was read as (x, y, z, w), but has w first.
+Eigen::Matrix3d withScalarFirst(const Eigen::Matrix3d& R);
+/// The rotation seen in frames in which one axis points the other way.
+Eigen::Matrix3d mirrored(const Eigen::Matrix3d& R, int axis);
+
 /// The rotation R_TM nearest to all R_FT^T R_FM: between tip and body, if both move alike.
 Eigen::Matrix3d meanBody(const Rotations& R_FT, const Rotations& R_FM);
 

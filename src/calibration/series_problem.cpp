@@ -14,6 +14,7 @@ namespace {
 
 using model::Response;
 
+constexpr double kBendLever = 0.5;      // motion of the tip by a bend of 1 rad, of the arm's length
 constexpr double kTakesPart = 0.1;      // of the largest range: an actuator that moves
 constexpr int kKnots = 7;               // of a curve, at quantiles of the pressures
 constexpr double kLeastKnotGap = 0.03;  // of its range
@@ -226,6 +227,12 @@ std::vector<bool> SeriesRecording::inMotion(const model::Arm& arm) const {
     out.push_back(behind.row(k).cwiseAbs().maxCoeff() > kInMotion * range);
   }
   return out;
+}
+
+double leverOf(const SeriesPrior& prior, const SeriesOptions& options) {
+  const CalibrationOptions& arm = options.arm;
+  return arm.rotation_noise > 0 ? arm.position_noise / arm.rotation_noise
+                                : kBendLever * prior.model.arm().restLength();
 }
 
 Eigen::Vector3d SeriesPlaces::pointOf(const lie::SE3& X_FT) const {

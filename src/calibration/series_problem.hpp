@@ -26,6 +26,10 @@ struct SeriesPlaces {
   Eigen::Vector3d pointOf(const lie::SE3& X_FT) const;
 };
 
+/// Length by which a turn counts as a motion of the tip: orientations weigh as fitSeries() says
+/// [m/rad].
+double leverOf(const SeriesPrior& prior, const SeriesOptions& options);
+
 /// The rows of a series that are compared ("used"), with what follows from pressures alone. Keeps a
 /// reference to the series. Deviations are those of a model, model - measured: (used x 2 or 3) of
 /// positions, and three more columns of orientations times the lever [m].

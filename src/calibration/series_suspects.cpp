@@ -24,10 +24,7 @@ constexpr basics::DescentRules kRough{1e-2, 10.0, 1e6, 1e-3, 0.0, 12};
 
 // RMS error of a short fit, with orientations as lengths [m].
 double roughError(const SeriesPrior& prior, const TipSeries& series, const SeriesOptions& options) {
-  const double lever = options.arm.rotation_noise > 0
-                           ? options.arm.position_noise / options.arm.rotation_noise
-                           : 0.5 * prior.model.arm().restLength();
-  const SeriesRecording recording(prior.model.arm(), series, kFewRows, lever);
+  const SeriesRecording recording(prior.model.arm(), series, kFewRows, leverOf(prior, options));
   SeriesForm form;
   form.lag = options.response;
   SeriesProblem problem(prior, recording, options, form, prior.X_BF.inverse());
@@ -50,16 +47,12 @@ std::vector<FaultHypothesis> recordingHypotheses(const TipSeries& series) {
       "in the recording",
       [](TipSeries& one) {
         one.position.col(1) *= -1;
-        const Eigen::Matrix3d M = Eigen::Vector3d(1, -1, 1).asDiagonal();
-        for (Eigen::Matrix3d& R : one.rotation) R = M * R * M;
+        for (Eigen::Matrix3d& R : one.rotation) R = mirrored(R, 1);
       });
   if (!series.rotation.empty()) {
     add("quaternion_order", "qx, qy, qz, qw",
         "the recording has w first: exchange the names of its columns", [](TipSeries& one) {
-          for (Eigen::Matrix3d& R : one.rotation) {
-            const Eigen::Quaterniond q(R);
-            R = Eigen::Quaterniond(q.x(), q.y(), q.z(), q.w()).toRotationMatrix();
-          }
+          for (Eigen::Matrix3d& R : one.rotation) R = withScalarFirst(R);
         });
   }
   if (!series.history.time.empty()) {

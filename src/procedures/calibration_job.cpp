@@ -787,6 +787,7 @@ class CalibrationJob {
       limit = std::max(limit, one.limits.upper);
       highest = std::max(highest, tips.history.input.col(i).maxCoeff());
     }
+    const std::size_t before = overrides_.size();
     for (const auto& [curve, pressures] : reached) {
       const auto [limit, highest] = pressures;
       const bool is_free = request_.contraction.empty() || request_.contraction == curve;
@@ -798,7 +799,7 @@ class CalibrationJob {
                               "guess; record up to the limit to keep it")});
       overrides_ = io::withLimit(path_, overrides_, curve, lowered);
     }
-    scene_ = io::loadScene(path_, overrides_);
+    if (overrides_.size() > before) scene_ = io::loadScene(path_, overrides_);
   }
 
   // A few readings are noise about a limit.

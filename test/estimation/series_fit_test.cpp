@@ -234,6 +234,11 @@ TEST(SeriesFit, TellsTheStrokesOfActuatorsApart) {
 }
 
 // Chambers in one body: K_kappa and what the chambers resist by their places, r^2 / 2, grow as one.
+double stiffening(const SeriesFit& fit) {
+  const double share = 0.025 * 0.025 / 2, least = fit.stiffness->kappa;
+  return (share + least * fit.bending->factor.back()) / (share + least);
+}
+
 TEST(SeriesFit, FindsABendThatStiffensWithTheMeanPressure) {
   Truth truth;
   truth.growth = 0.8;
@@ -242,9 +247,7 @@ TEST(SeriesFit, FindsABendThatStiffensWithTheMeanPressure) {
   EXPECT_TRUE(keeps(fit, "K_kappa against pressure"));
   EXPECT_LT(fit.rms_about_offset, 1.1 * std::sqrt(3) * kNoise);
   ASSERT_TRUE(fit.bending);
-  const double share = 0.025 * 0.025 / 2, least = fit.stiffness->kappa;
-  EXPECT_NEAR((share + least * fit.bending->factor.back()) / (share + least), 1 + truth.growth,
-              0.05);
+  EXPECT_NEAR(stiffening(fit), 1 + truth.growth, 0.05);
 }
 
 // With a base that is known, or with orientations of the tip itself, which alone tell a turn of the
@@ -384,9 +387,7 @@ TEST(SeriesFit, FindsABendThatTheOthersStiffen) {
   EXPECT_LT(fit.rms_about_offset, 1.1 * std::sqrt(3) * kNoise);
   ASSERT_TRUE(fit.bending);
   EXPECT_EQ(fit.bending->argument, model::BendingTable::Argument::kOthers);
-  const double share = 0.025 * 0.025 / 2, least = fit.stiffness->kappa;
-  EXPECT_NEAR((share + least * fit.bending->factor.back()) / (share + least), 1 + truth.others,
-              0.1);
+  EXPECT_NEAR(stiffening(fit), 1 + truth.others, 0.1);
 }
 
 // The truth knows no cubic, and the cubic no arm: both leave the noise of a sound recording.

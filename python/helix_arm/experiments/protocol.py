@@ -144,18 +144,16 @@ def parts_of(recording: Recording) -> List[Recording]:
     time = recording.time_s
     before, after = np.searchsorted(time, time - MOVING_S), np.searchsorted(time, time + MOVING_S) - 1
     moving = np.abs(every[after] - every[before])[:, active] > MOVING * widths[active]
-    out, begin, mover = [], 0, -1
-    for row in range(len(time) + 1):
-        movers = np.flatnonzero(moving[row]) if row < len(time) else np.array([-1, -1])
-        if mover >= 0 and (len(movers) > 1 or len(movers) == 1 and movers[0] != mover):
-            others = np.delete(moving, mover, axis=1)[begin:row].any(axis=1)
-            rows = np.arange(begin, row)[np.flatnonzero(others)[-1] + 1 if others.any() else 0:]
-            if len(rows) > 2:
-                out.append(Recording(*(getattr(recording, name)[rows] for name in ("time_s", "target_pa", "measured_pa", "tip_m"))))
-            mover = -1
-        if mover < 0 and row < len(time) and len(movers) == 1:
-            stops = [np.flatnonzero(one[:row])[-1] + 1 if one[:row].any() else 0 for one in np.delete(moving, movers[0], axis=1).T]
-            begin, mover = max(stops), movers[0]
+    alone = np.where(moving.sum(axis=1) == 1, moving.argmax(axis=1), -1)
+    moves = np.flatnonzero(moving.any(axis=1))
+    bounds = [0, *(np.flatnonzero(np.diff(alone[moves])) + 1), len(moves)]
+    out = []
+    for first, last in zip(bounds, bounds[1:]):
+        if first == last or alone[moves[first]] < 0:
+            continue
+        rows = np.arange(moves[first - 1] + 1 if first > 0 else 0, moves[last] if last < len(moves) else len(time))
+        if len(rows) > 2:
+            out.append(Recording(*(getattr(recording, name)[rows] for name in ("time_s", "target_pa", "measured_pa", "tip_m"))))
     return out
 
 
