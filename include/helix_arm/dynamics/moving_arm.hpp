@@ -1,0 +1,204 @@
+#pragma once
+
+#include <Eigen/Cholesky>
+#include <Eigen/Core>
+#include <optional>
+#include <vector>
+
+#include "helix_arm/lie/se2.hpp"
+#include "helix_arm/lie/se3.hpp"
+#include "helix_arm/model/arm.hpp"
+#include "helix_arm/statics/load.hpp"
+
+namespace helix_arm::dynamics {
+
+/// Highest degree of the strain's polynomials.
+inline constexpr int kMostOrder = 4;
+
+/// Time constants of Kelvin-Voigt damping, the stress of a strain rate over that of the strain, >=
+/// 0 [s].
+struct StrainTimes {
+  double stretch = 0.0, shear = 0.0, twist = 0.0, bend = 0.0;
+};
+
+/// What an arm's motion takes besides its statics.
+struct MotionConfig {
+  StrainTimes damping;
+  /// Radius of inertia r of a section about its axis, > 0 [m]; by default the mean distance of its
+  /// actuators from the axis.
+  std::optional<double> inertia_radius;
+  int order = 0;         ///< degree of the strain's polynomials in a section, 0 .. kMostOrder
+  double step = 0.0025;  ///< longest step of time, > 0 [s]
+
+  /// @throws std::invalid_argument naming the value and its rule.
+  void validate() const;
+};
+
+/// Equations of motion of an arm whose strain is a polynomial of s in each section:
+///
+///   M(q) q'' + c(q, q') + V'(q) + K (q - g*) + D q' = 0
+///
+/// The coordinates q are the coefficients of Legendre polynomials of degree 0 .. order over the
+/// section; those of degree 0 are the section's twist g, and with order 0 nothing else. M and c are
+/// those of the masses of the load: each section's is uniform in s with the inertia m diag(1, 1, 1,
+/// r^2, r^2 / 2, r^2 / 2), points have none about themselves. V is the potential of gravity and of
+/// dead forces, K = (K_eps / l) A (eq. 14-17) and D its strains' share times their damping.
+///
+/// Immutable; no call allocates but the constructor. For an arm in a plane (Group SE2) the load
+/// must lie in it (statics::staysInPlane()).
+template <class Group>
+class MovingArmOf {
+ public:
+  using Tangent = typename Group::Tangent;
+  using Matrix = typename Group::Matrix;
+  using Point = typename Group::Point;
+
+  /// @throws std::invalid_argument naming what motion does not have (tapered sections, stiffness
+  ///     that depends on pressure), a section without mass or inertia, a value that breaks a rule.
+  MovingArmOf(const model::ArmOf<Group>& arm, const statics::Load& load,
+              const MotionConfig& config);
+
+  const model::ArmOf<Group>& arm() const { return arm_; }
+  const MotionConfig& config() const { return config_; }
+  /// Number n of coordinates: dof x (order + 1) x sections, by sections, then by degree.
+  int coordinates() const { return static_cast<int>(stiffness_.rows()); }
+  /// K and D (n x n).
+  const Eigen::MatrixXd& stiffness() const { return stiffness_; }
+  const Eigen::MatrixXd& damping() const { return damping_; }
+
+  /// Coordinates of constant twists (dof x sections).
+  void setTwists(const model::TwistsOf<Group>& twists, Eigen::VectorXd& q) const;
+  Group tip(const Eigen::VectorXd& q) const;
+
+  /// Mass matrix M (n x n) and force c + V' (n), and the memory that evaluate() takes.
+  struct Terms {
+    Eigen::MatrixXd mass;
+    Eigen::VectorXd force;
+    double moment_power = 0.0;  ///< power of dead moments, which have no potential [W]
+
+    explicit Terms(const MovingArmOf& arm);
+
+   private:
+    friend class MovingArmOf;
+    // What is found at a mark.
+    struct Node {
+      Group X;                   // seen from the section's base
+      Matrix L[kMostOrder + 1];  // body velocity by the rates of the section's coordinates
+      Tangent wrench;            // that inertia, Coriolis terms and loads take
+    };
+    std::vector<Node> nodes_;
+    std::vector<Matrix> beyond_;  // momentum of all beyond by the coordinates there
+  };
+  void evaluate(const Eigen::VectorXd& q, const Eigen::VectorXd& rate, Terms& terms) const;
+
+  /// Energies of the masses and dead forces [J]; the potential is 0 at the arm's base.
+  struct Energies {
+    double kinetic, potential;
+  };
+  Energies energies(const Eigen::VectorXd& q, const Eigen::VectorXd& rate) const;
+
+ private:
+  using Moment = Eigen::Matrix<double, Group::kRotations, 1>;
+  // A dead load: force and moment seen from the base, its place from the node.
+  struct Pull {
+    Point force;
+    Moment moment;
+    Point offset;
+  };
+  // Masses and dead loads at one s, and the stretch of the section before it; the last one of a
+  // section is at s = 1.
+  struct Mark {
+    double s;
+    Matrix inertia = Matrix::Zero();
+    double mass = 0.0;
+    Point moment_of_mass = Point::Zero();  // mass times its place, seen from the node
+    std::vector<Pull> pulls{};
+    double length = 0.0;                    // of the stretch, in s
+    double values[2][kMostOrder + 1] = {};  // of the polynomials at its two Gauss points
+    bool loaded() const { return mass > 0 || !pulls.empty(); }
+  };
+  struct Section {
+    std::vector<Mark> marks;
+    Matrix link_inverse;  // Ad of the inverse of its link
+  };
+  // Twist of a stretch, its rate, and the part of its second derivative without q''.
+  struct Stretch {
+    Tangent twist, rate, bias;
+  };
+
+  std::vector<Mark> marksOf(int k, const statics::Load& load) const;
+  Stretch stretchOf(const Mark& mark, const double* q, const double* rate) const;
+  // Derivative of the twist of a stretch by a coefficient, of which Jr times it is added to L.
+  void addDerivatives(const Mark& mark, const double* q, const Matrix& Jr, Matrix* L) const;
+  Tangent wrenchAt(const Mark& mark, const Group& X, const Tangent& velocity,
+                   const Tangent& acceleration, double& power) const;
+  void assemble(Terms& terms) const;
+
+  model::ArmOf<Group> arm_;
+  MotionConfig config_;
+  int modes_;  // polynomials of a section
+  Point gravity_;
+  std::vector<Section> sections_;
+  std::vector<int> first_node_;
+  int nodes_ = 0;
+  Eigen::MatrixXd stiffness_, damping_;
+};
+
+/// An arm in motion.
+template <class Group>
+class MotionOf {
+ public:
+  /// Where it went [J]: kinetic + elastic + potential + dissipated = work.
+  struct Energy {
+    double kinetic = 0.0, elastic = 0.0;
+    double potential = 0.0;   ///< since the start
+    double dissipated = 0.0;
+    double work = 0.0;  ///< of the actuators and dead moments, with the elastic energy at the start
+  };
+
+  /// @param arm  outlives the motion.
+  explicit MotionOf(const MovingArmOf<Group>& arm);
+
+  /// Starts at rest: in the equilibrium of the arm's order under load at these unloaded twists (dof
+  /// x sections), or straight, with the twists that every actuator gives at its rest length.
+  /// @throws std::runtime_error if no equilibrium is found.
+  void startAtRest(const model::TwistsOf<Group>& unloaded);
+  void startStraight(const model::TwistsOf<Group>& unloaded);
+
+  /// Moves on by a time [s], during which the unloaded twists go from the last ones to these.
+  ///
+  /// One step of the implicit midpoint rule, of second order, with a force along the momentum that
+  /// makes energy balance to rounding. Newton's iteration takes M, K and D as its slope, so that
+  /// stiff strains take as many iterations as soft ones. Does not allocate.
+  /// @return whether it converged; otherwise the state is as before.
+  bool step(double dt, const model::TwistsOf<Group>& unloaded) noexcept;
+
+  const MovingArmOf<Group>& arm() const { return arm_; }
+  const Eigen::VectorXd& position() const { return q_; }  ///< (n)
+  const Eigen::VectorXd& rate() const { return v_; }      ///< (n)
+  Group tip() const { return arm_.tip(q_); }
+  Energy energy() const;
+
+ private:
+  void begin(const model::TwistsOf<Group>& unloaded);
+  void settle();
+  void findRest();
+  void residualAt(double dt) noexcept;
+  bool solve(double dt) noexcept;
+  double elasticEnergy() const { return 0.5 * (q_ - target_).dot(arm_.stiffness() * (q_ - target_)); }
+
+  const MovingArmOf<Group>& arm_;
+  typename MovingArmOf<Group>::Terms terms_;
+  typename MovingArmOf<Group>::Energies now_{}, next_{};
+  double dissipated_ = 0.0, work_ = 0.0, potential_at_start_ = 0.0;
+  double carry_ = 0.0;      // of the energy's balance, which the next step corrects [J]
+  double last_step_ = 0.0;  // [s]; 0: none yet
+  public: long iterations_ = 0; private:
+  // Coordinates, their rates and those without load, at the begin of a step, its middle and end.
+  Eigen::VectorXd q_, v_, target_, mid_q_, mid_v_, next_q_, next_v_, next_target_;
+  Eigen::VectorXd last_v_, momentum_, change_, elastic_, residual_;
+  Eigen::MatrixXd slope_;
+  Eigen::LLT<Eigen::MatrixXd> factors_;
+};
+
+}  // namespace helix_arm::dynamics
