@@ -1,8 +1,8 @@
+#include "helix_arm/dynamics/motion.hpp"
+
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
-
-#include "helix_arm/dynamics/moving_arm.hpp"
 
 namespace helix_arm::dynamics {
 namespace {
@@ -25,9 +25,9 @@ MotionOf<Group>::MotionOf(const MovingArmOf<Group>& arm)
       terms_(arm),
       slope_(arm.coordinates(), arm.coordinates()),
       factors_(arm.coordinates()) {
-  for (Eigen::VectorXd* vector : {&q_, &v_, &target_, &mid_q_, &mid_v_, &next_q_, &next_v_,
-                                  &next_target_, &last_v_, &momentum_, &change_, &elastic_,
-                                  &residual_}) {
+  for (Eigen::VectorXd* vector :
+       {&q_, &v_, &target_, &mid_q_, &mid_v_, &next_q_, &next_v_, &next_target_, &last_v_,
+        &momentum_, &change_, &elastic_, &residual_}) {
     vector->setZero(arm.coordinates());
   }
 }
@@ -123,10 +123,12 @@ void MotionOf<Group>::residualAt(double dt) noexcept {
   momentum_.noalias() = terms_.mass * mid_v_;
   // The energy that the masses gain, less that of the forces of the midpoint; 0 at order 3 of dt.
   const double gained = next_.kinetic + next_.potential - now_.kinetic - now_.potential - carry_;
-  const double given = dt * (change_.dot(momentum_) + mid_v_.dot(terms_.force) + terms_.moment_power);
+  const double given =
+      dt * (change_.dot(momentum_) + mid_v_.dot(terms_.force) + terms_.moment_power);
   const double moved = mid_v_.dot(momentum_);
   if (moved < kNoMotion) return;
-  const double correction = std::min(std::max((gained - given) / moved, -kMostCorrection), kMostCorrection);
+  const double correction =
+      std::min(std::max((gained - given) / moved, -kMostCorrection), kMostCorrection);
   residual_ += correction / dt * momentum_;
 }
 
@@ -146,7 +148,6 @@ bool MotionOf<Group>::solve(double dt) noexcept {
     mid_v_ -= change_;
     const double energy = 0.5 * dt * change_.dot(residual_);  // of the change
     if (!std::isfinite(energy)) return false;
-    iterations_++;
     if (energy <= kTolerance * kTolerance * mid_v_.dot(momentum_) + kNoMotion) return true;
   }
   return false;
@@ -170,12 +171,13 @@ bool MotionOf<Group>::step(double dt, const model::TwistsOf<Group>& unloaded) no
   target_.swap(next_target_);
   now_ = arm_.energies(q_, v_);
   const Energy balance = energy();
-  carry_ = balance.work - balance.dissipated - balance.kinetic - balance.elastic - balance.potential;
+  carry_ =
+      balance.work - balance.dissipated - balance.kinetic - balance.elastic - balance.potential;
   return true;
 }
 
 template <class Group>
-typename MotionOf<Group>::Energy MotionOf<Group>::energy() const {
+Energy MotionOf<Group>::energy() const {
   return {now_.kinetic, elasticEnergy(), now_.potential - potential_at_start_, dissipated_, work_};
 }
 

@@ -14,9 +14,9 @@ namespace helix_arm::dynamics {
 namespace {
 
 using basics::require;
-using model::bracket;
 using lie::SE2;
 using lie::SE3;
+using model::bracket;
 
 // Gauss points of a section's mass for strain of degree 0; one more for each degree.
 constexpr int kPoints = 5;
@@ -47,8 +47,7 @@ lie::Vector6 turning(const lie::Vector6& eta, const lie::Vector6& momentum) {
   return out;
 }
 SE2::Tangent turning(const SE2::Tangent& eta, const SE2::Tangent& momentum) {
-  return {-eta[2] * momentum[1], eta[2] * momentum[0],
-          eta[0] * momentum[1] - eta[1] * momentum[0]};
+  return {-eta[2] * momentum[1], eta[2] * momentum[0], eta[0] * momentum[1] - eta[1] * momentum[0]};
 }
 
 // Moments in space have no direction of their own in the node; in a plane they need none.
@@ -172,8 +171,10 @@ std::vector<typename MovingArmOf<Group>::Mark> MovingArmOf<Group>::marksOf(
   const double radius = config_.inertia_radius.value_or(meanRadius(arm_, k));
   require(mass > 0, "motion needs `load.mass_kg` > 0 in every section; that of section ", k + 1,
           " is 0");
-  require(radius > 0, "motion needs `dynamics.inertia_radius_m` where all actuators of a section "
-          "are on its axis, as in section ", k + 1);
+  require(radius > 0,
+          "motion needs `dynamics.inertia_radius_m` where all actuators of a section "
+          "are on its axis, as in section ",
+          k + 1);
   std::vector<Mark> marks{{1.0}};
   const auto& rule = statics::GaussRule::of(kPoints + config_.order);
   for (int i = 0; i < rule.count(); ++i) {
@@ -215,16 +216,15 @@ MovingArmOf<Group>::Terms::Terms(const MovingArmOf& arm)
       beyond_(static_cast<std::size_t>(arm.coordinates() / Group::kDof)) {}
 
 template <class Group>
-void MovingArmOf<Group>::setTwists(const model::TwistsOf<Group>& twists,
-                                   Eigen::VectorXd& q) const {
+void MovingArmOf<Group>::setTwists(const model::TwistsOf<Group>& twists, Eigen::VectorXd& q) const {
   q.setZero(coordinates());
   for (int k = 0; k < twists.cols(); ++k) {
     q.segment<Group::kDof>(Group::kDof * modes_ * k) = twists.col(k);
   }
 }
 
-// A Magnus step of order 4: W = h (g_1 + g_2) / 2 + sqrt(3) h^2 [g_1, g_2] / 12 of the strains at its
-// two Gauss points. With strain of degree 0 it is exact.
+// A Magnus step of order 4: W = h (g_1 + g_2) / 2 + sqrt(3) h^2 [g_1, g_2] / 12 of the strains at
+// its two Gauss points. With strain of degree 0 it is exact.
 template <class Group>
 typename MovingArmOf<Group>::Stretch MovingArmOf<Group>::stretchOf(const Mark& mark,
                                                                    const double* q,
@@ -308,8 +308,7 @@ void MovingArmOf<Group>::evaluate(const Eigen::VectorXd& q, const Eigen::VectorX
       const Tangent own = Jr * stretch.rate;
       const Tangent carry = Ad * velocity;
       const Tangent bend = lie::solvedRightJacobianSlope(stretch.twist, own) * stretch.rate;
-      acceleration =
-          Ad * acceleration + bracket(carry, own) + Jr * Tangent(stretch.bias - bend);
+      acceleration = Ad * acceleration + bracket(carry, own) + Jr * Tangent(stretch.bias - bend);
       velocity = carry + own;
       for (int mode = 0; mode < modes_; ++mode) node.L[mode] = Ad * node.L[mode];
       addDerivatives(mark, q_k, Jr, node.L);
@@ -367,7 +366,8 @@ void MovingArmOf<Group>::assemble(Terms& terms) const {
       at_base += Ad.transpose() * inertia * Ad;
       base_wrench += Ad.transpose() * needed;
     };
-    const std::size_t first_node = static_cast<std::size_t>(first_node_[static_cast<std::size_t>(k)]);
+    const std::size_t first_node =
+        static_cast<std::size_t>(first_node_[static_cast<std::size_t>(k)]);
     for (std::size_t i = 0; i < section.marks.size(); ++i) {
       const typename Terms::Node& node = terms.nodes_[first_node + i];
       if (i + 1 < section.marks.size()) {
@@ -408,13 +408,12 @@ typename MovingArmOf<Group>::Energies MovingArmOf<Group>::energies(
     for (const Mark& mark : sections_[k].marks) {
       const Stretch stretch = stretchOf(mark, q.data() + at, rate.data() + at);
       const Group step = Group::exp(stretch.twist);
-      velocity = step.inverse().adjoint() * velocity +
-                 Group::rightJacobian(stretch.twist) * stretch.rate;
+      velocity =
+          step.inverse().adjoint() * velocity + Group::rightJacobian(stretch.twist) * stretch.rate;
       X = X * step;
       if (!mark.loaded()) continue;
       out.kinetic += 0.5 * velocity.dot(mark.inertia * velocity);
-      out.potential -=
-          gravity_.dot(mark.mass * X.translation + X.rotation * mark.moment_of_mass);
+      out.potential -= gravity_.dot(mark.mass * X.translation + X.rotation * mark.moment_of_mass);
       for (const Pull& pull : mark.pulls) out.potential -= pull.force.dot(X * pull.offset);
     }
     velocity = sections_[k].link_inverse * velocity;
