@@ -9,7 +9,7 @@
 #include "helix_arm/dynamics/arm_motion.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/procedures/report_plot.hpp"
-#include "helix_arm/regulator/realtime.hpp"
+#include "helix_arm/regulator/regulator_io.hpp"
 #include "measurements.hpp"
 #include "output.hpp"
 

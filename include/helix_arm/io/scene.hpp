@@ -8,7 +8,7 @@
 
 #include "helix_arm/calibration/calibration.hpp"
 #include "helix_arm/control/safety.hpp"
-#include "helix_arm/dynamics/moving_arm.hpp"
+#include "helix_arm/dynamics/motion_config.hpp"
 #include "helix_arm/follow/visual_servo_config.hpp"
 #include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/io/provenance.hpp"
