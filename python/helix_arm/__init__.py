@@ -9,8 +9,8 @@ need the Python packages of ROS.
 """
 from helix_arm._core import DocumentError, version as __version__
 from helix_arm.results import (Alarm, Budget, Calibration, Combination, Contraction, Curve, Evaluation, Fit, FollowRun, Forward, Inverse,
-                               Jacobian, Parameter, Sight, Workspace)
+                               Jacobian, Motion, Parameter, Sight, Workspace)
 from helix_arm.scene import Scene, shipped_scenes
 
 __all__ = ["Alarm", "Budget", "Calibration", "Combination", "Contraction", "Curve", "DocumentError", "Evaluation", "Fit", "FollowRun",
-           "Forward", "Inverse", "Jacobian", "Parameter", "Scene", "Sight", "Workspace", "__version__", "shipped_scenes"]
+           "Forward", "Inverse", "Jacobian", "Motion", "Parameter", "Scene", "Sight", "Workspace", "__version__", "shipped_scenes"]

@@ -6,8 +6,7 @@
 #include <memory>
 
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/model/taper.hpp"
-#include "lie/jacobian_slope.hpp"
+#include "span.hpp"
 #include "statics/loaded/gauss_rule.hpp"
 
 namespace helix_arm::dynamics {
@@ -23,6 +22,9 @@ constexpr int kPoints = 5;
 // Places of the two Gauss points of a Magnus step of order 4, from its middle.
 const double kMagnusPlace = std::sqrt(3.0) / 6.0;
 const double kMagnusTurn = std::sqrt(3.0) / 12.0;
+
+template <class Group>
+using MapOf = decltype(identityOf(Group()));
 
 template <class Group>
 using Coefficients = Eigen::Map<const Eigen::Matrix<double, Group::kDof, Eigen::Dynamic>>;
@@ -105,6 +107,13 @@ std::shared_ptr<const model::Links> linksInSpace(const model::PlanarArm& arm) {
   return model::embed(arm).links();
 }
 
+// An inertia seen from B, seen from A.
+template <class Group, class Matrix>
+Matrix inertiaFrom(const Group& X_AB, const Matrix& inertia) {
+  const Matrix half = carried(X_AB, inertia).transpose();
+  return carried(X_AB, half);
+}
+
 template <class Group>
 double meanRadius(const model::ArmOf<Group>& arm, int k) {
   double sum = 0.0;
@@ -112,6 +121,29 @@ double meanRadius(const model::ArmOf<Group>& arm, int k) {
     sum += arm.actuator(i).X_O.translation.norm();
   }
   return sum / (arm.firstActuator(k + 1) - arm.firstActuator(k));
+}
+
+// Jr times the derivatives of a stretch's twist by the coefficients of its section.
+template <class Group, class Mark>
+void derivativesOf(const Mark& mark, const Coefficients<Group>& g, const MapOf<Group>& Jr,
+                   MapOf<Group>* by) {
+  const double h = mark.length;
+  if (g.cols() == 1) {
+    by[0] = h * Jr;
+    return;
+  }
+  MapOf<Group> by_strain[2];  // at the two Gauss points
+  for (int i = 0; i < 2; ++i) {
+    typename Group::Tangent other = Group::Tangent::Zero();
+    for (int m = 0; m < g.cols(); ++m) other += mark.values[1 - i][m] * g.col(m);
+    MapOf<Group> turned = (i == 0 ? -kMagnusTurn : kMagnusTurn) * h * h * bracketMatrix(other);
+    turned += 0.5 * h * identityOf(Group());
+    by_strain[i] = Jr * turned;
+  }
+  for (int m = 0; m < g.cols(); ++m) {
+    by[m] = mark.values[0][m] * by_strain[0];
+    by[m] += mark.values[1][m] * by_strain[1];
+  }
 }
 
 }  // namespace
@@ -158,7 +190,7 @@ MovingArmOf<Group>::MovingArmOf(const model::ArmOf<Group>& arm, const statics::L
       stiffness_.block<kDof, kDof>(at, at) = share * K;
       damping_.block<kDof, kDof>(at, at) = share * D;
     }
-    sections_.push_back({marksOf(k, at_ends), arm.link(k).inverse().adjoint()});
+    sections_.push_back({marksOf(k, at_ends), arm.link(k), arm.links() != nullptr});
     first_node_.push_back(nodes_);
     nodes_ += static_cast<int>(sections_.back().marks.size());
   }
@@ -209,11 +241,27 @@ std::vector<typename MovingArmOf<Group>::Mark> MovingArmOf<Group>::marksOf(
 }
 
 template <class Group>
+struct MovingArmOf<Group>::Terms::Memory {
+  // What is found at a mark.
+  struct Node {
+    Group X;                         // seen from the section's base
+    MapOf<Group> L[kMostOrder + 1];  // body velocity by the rates of the section's coordinates
+    Tangent wrench;                  // that inertia, Coriolis terms and loads take
+  };
+  std::vector<Node> nodes;
+  std::vector<Matrix> beyond;  // momentum of all beyond, by the rates of the coordinates there
+};
+
+template <class Group>
 MovingArmOf<Group>::Terms::Terms(const MovingArmOf& arm)
-    : mass(arm.coordinates(), arm.coordinates()),
-      force(arm.coordinates()),
-      nodes_(static_cast<std::size_t>(arm.nodes_)),
-      beyond_(static_cast<std::size_t>(arm.coordinates() / Group::kDof)) {}
+    : mass(Eigen::MatrixXd::Zero(arm.coordinates(), arm.coordinates())),
+      force(Eigen::VectorXd::Zero(arm.coordinates())),
+      memory_(new Memory{
+          std::vector<typename Memory::Node>(static_cast<std::size_t>(arm.nodes_)),
+          std::vector<Matrix>(static_cast<std::size_t>(arm.coordinates() / Group::kDof))}) {}
+
+template <class Group>
+MovingArmOf<Group>::Terms::~Terms() = default;
 
 template <class Group>
 void MovingArmOf<Group>::setTwists(const model::TwistsOf<Group>& twists, Eigen::VectorXd& q) const {
@@ -246,32 +294,6 @@ typename MovingArmOf<Group>::Stretch MovingArmOf<Group>::stretchOf(const Mark& m
 }
 
 template <class Group>
-void MovingArmOf<Group>::addDerivatives(const Mark& mark, const double* q, const Matrix& Jr,
-                                        Matrix* L) const {
-  const double h = mark.length;
-  if (modes_ == 1) {
-    L[0] += h * Jr;
-    return;
-  }
-  const Coefficients<Group> g(q, Group::kDof, modes_);
-  Matrix by[2];  // of the twist, by the strains at the two Gauss points
-  const double turn = kMagnusTurn * h * h;
-  for (int i = 0; i < 2; ++i) {
-    Tangent other = Tangent::Zero();
-    for (int mode = 0; mode < modes_; ++mode) other += mark.values[1 - i][mode] * g.col(mode);
-    const double sign = i == 0 ? -turn : turn;
-    Matrix by_strain = 0.5 * h * Matrix::Identity();
-    for (int j = 0; j < Group::kDof; ++j) {
-      by_strain.col(j) += sign * bracket(other, Tangent(Tangent::Unit(j)));
-    }
-    by[i].noalias() = Jr * by_strain;
-  }
-  for (int mode = 0; mode < modes_; ++mode) {
-    L[mode] += mark.values[0][mode] * by[0] + mark.values[1][mode] * by[1];
-  }
-}
-
-template <class Group>
 typename Group::Tangent MovingArmOf<Group>::wrenchAt(const Mark& mark, const Group& X,
                                                      const Tangent& velocity,
                                                      const Tangent& acceleration,
@@ -294,31 +316,35 @@ void MovingArmOf<Group>::evaluate(const Eigen::VectorXd& q, const Eigen::VectorX
   acceleration.template head<Group::kSpace>() = -gravity_;  // as if the base fell up
   Group base;
   terms.moment_power = 0.0;
+  MapOf<Group> by[kMostOrder + 1];
+  auto* node = terms.memory_->nodes.data();
   for (std::size_t k = 0; k < sections_.size(); ++k) {
     const Section& section = sections_[k];
     const Eigen::Index at = Group::kDof * modes_ * static_cast<Eigen::Index>(k);
     const double *q_k = q.data() + at, *rate_k = rate.data() + at;
-    typename Terms::Node node;
-    for (int mode = 0; mode < modes_; ++mode) node.L[mode].setZero();
-    for (std::size_t i = 0; i < section.marks.size(); ++i) {
+    Group X;
+    for (std::size_t i = 0; i < section.marks.size(); ++i, ++node) {
       const Mark& mark = section.marks[i];
       const Stretch stretch = stretchOf(mark, q_k, rate_k);
-      const Group step = Group::exp(stretch.twist);
-      const Matrix Ad = step.inverse().adjoint(), Jr = Group::rightJacobian(stretch.twist);
-      const Tangent own = Jr * stretch.rate;
-      const Tangent carry = Ad * velocity;
-      const Tangent bend = lie::solvedRightJacobianSlope(stretch.twist, own) * stretch.rate;
-      acceleration = Ad * acceleration + bracket(carry, own) + Jr * Tangent(stretch.bias - bend);
-      velocity = carry + own;
-      for (int mode = 0; mode < modes_; ++mode) node.L[mode] = Ad * node.L[mode];
-      addDerivatives(mark, q_k, Jr, node.L);
-      node.X = node.X * step;
-      node.wrench = wrenchAt(mark, base * node.X, velocity, acceleration, terms.moment_power);
-      terms.nodes_[static_cast<std::size_t>(first_node_[k]) + i] = node;
+      const Span<Group> span(stretch.twist, stretch.rate, true);
+      const Tangent carry = back(span.X, velocity);
+      acceleration = back(span.X, acceleration) + bracket(carry, span.own) + span.bias +
+                     span.Jr * stretch.bias;
+      velocity = carry + span.own;
+      X = X * span.X;
+      node->X = X;
+      derivativesOf<Group>(mark, Coefficients<Group>(q_k, Group::kDof, modes_), span.Jr, by);
+      for (int m = 0; m < modes_; ++m) {
+        node->L[m] = by[m];
+        if (i > 0) node->L[m] += back(span.X, (node - 1)->L[m]);
+      }
+      node->wrench = wrenchAt(mark, base * X, velocity, acceleration, terms.moment_power);
     }
-    velocity = section.link_inverse * velocity;
-    acceleration = section.link_inverse * acceleration;
-    base = base * node.X * arm_.link(static_cast<int>(k));
+    base = base * X;
+    if (!section.has_link) continue;
+    velocity = back(section.link, velocity);
+    acceleration = back(section.link, acceleration);
+    base = base * section.link;
   }
   assemble(terms);
 }
@@ -328,71 +354,58 @@ void MovingArmOf<Group>::evaluate(const Eigen::VectorXd& q, const Eigen::VectorX
 template <class Group>
 void MovingArmOf<Group>::assemble(Terms& terms) const {
   constexpr int kDof = Group::kDof;
-  const int blocks = coordinates() / kDof;
+  auto& momentum = terms.memory_->beyond;
   Matrix beyond = Matrix::Zero();
   Tangent wrench = Tangent::Zero();
   for (int k = arm_.sectionCount() - 1; k >= 0; --k) {
     const Section& section = sections_[static_cast<std::size_t>(k)];
-    const int first = modes_ * k, later = first + modes_;
-    const auto fromBeyond = [&](const Matrix& Ad) {
-      for (int b = later; b < blocks; ++b) {
-        Matrix& momentum = terms.beyond_[static_cast<std::size_t>(b)];
-        momentum = Ad.transpose() * momentum;
-      }
+    const auto first = static_cast<std::size_t>(modes_ * k);
+    const std::size_t later = first + static_cast<std::size_t>(modes_);
+    const auto carryBack = [&](const Group& X) {
+      beyond = inertiaFrom(X, beyond);
+      wrench = carried(X, wrench);
+      for (std::size_t b = later; b < momentum.size(); ++b) momentum[b] = carried(X, momentum[b]);
     };
-    if (later < blocks) {
-      beyond = section.link_inverse.transpose() * beyond * section.link_inverse;
-      wrench = section.link_inverse.transpose() * wrench;
-      fromBeyond(section.link_inverse);
-    }
-    Matrix own[kMostOrder + 1], at_base = Matrix::Zero();
-    Matrix sum[(kMostOrder + 1) * (kMostOrder + 1)];
-    Tangent base_wrench = Tangent::Zero(), force[kMostOrder + 1];
+    if (section.has_link) carryBack(section.link);
+    const auto* const nodes =
+        terms.memory_->nodes.data() + first_node_[static_cast<std::size_t>(k)];
+    const auto& end = nodes[section.marks.size() - 1];
     for (int m = 0; m < modes_; ++m) {
-      own[m].setZero();
-      force[m].setZero();
-      for (int j = 0; j <= m; ++j) sum[j * modes_ + m].setZero();
-    }
-    const auto addNode = [&](const typename Terms::Node& node, const Matrix& inertia,
-                             const Tangent& needed) {
-      const Matrix Ad = node.X.inverse().adjoint();
-      for (int m = 0; m < modes_; ++m) {
-        const Matrix momentum = inertia * node.L[m];
-        for (int j = 0; j <= m; ++j) sum[j * modes_ + m] += node.L[j].transpose() * momentum;
-        force[m] += node.L[m].transpose() * needed;
-        if (k > 0) own[m] += Ad.transpose() * momentum;
+      const Eigen::Index row = kDof * (modes_ * k + m);
+      terms.force.template segment<kDof>(row) = end.L[m].transposeTimes(wrench);
+      for (std::size_t b = later; b < momentum.size(); ++b) {
+        terms.mass.template block<kDof, kDof>(row, kDof * static_cast<Eigen::Index>(b)) =
+            end.L[m].transposeTimes(momentum[b]);
       }
-      if (k == 0) return;
-      at_base += Ad.transpose() * inertia * Ad;
-      base_wrench += Ad.transpose() * needed;
-    };
-    const std::size_t first_node =
-        static_cast<std::size_t>(first_node_[static_cast<std::size_t>(k)]);
-    for (std::size_t i = 0; i < section.marks.size(); ++i) {
-      const typename Terms::Node& node = terms.nodes_[first_node + i];
-      if (i + 1 < section.marks.size()) {
-        addNode(node, section.marks[i].inertia, node.wrench);
-      } else if (later < blocks || section.marks[i].loaded()) {
-        addNode(node, section.marks[i].inertia + beyond, node.wrench + wrench);
-      }
-    }
-    const typename Terms::Node& end = terms.nodes_[first_node + section.marks.size() - 1];
-    for (int m = 0; m < modes_; ++m) {
-      const int row = kDof * (first + m);
-      for (int b = later; b < blocks; ++b) {
-        terms.mass.template block<kDof, kDof>(row, kDof * b) =
-            end.L[m].transpose() * terms.beyond_[static_cast<std::size_t>(b)];
-      }
+      const Matrix of_beyond = end.L[m].leftTimes(beyond);
       for (int j = 0; j <= m; ++j) {
-        terms.mass.template block<kDof, kDof>(kDof * (first + j), row) = sum[j * modes_ + m];
+        terms.mass.template block<kDof, kDof>(kDof * (modes_ * k + j), row) =
+            end.L[j].transposeTimes(of_beyond);
       }
-      terms.force.template segment<kDof>(row) = force[m];
+      momentum[first + static_cast<std::size_t>(m)] = of_beyond;
     }
-    if (k == 0) break;
-    fromBeyond(end.X.inverse().adjoint());
-    for (int m = 0; m < modes_; ++m) terms.beyond_[static_cast<std::size_t>(first + m)] = own[m];
-    beyond = at_base;
-    wrench = base_wrench;
+    carryBack(end.X);
+    for (int m = 0; m < modes_; ++m) {
+      Matrix& own = momentum[first + static_cast<std::size_t>(m)];
+      own = carried(end.X, own);
+    }
+    for (std::size_t i = 0; i < section.marks.size(); ++i) {
+      if (!section.marks[i].loaded()) continue;
+      const Matrix& inertia = section.marks[i].inertia;
+      for (int m = 0; m < modes_; ++m) {
+        const Eigen::Index row = kDof * (modes_ * k + m);
+        const Matrix moved = nodes[i].L[m].leftTimes(inertia);
+        terms.force.template segment<kDof>(row) += nodes[i].L[m].transposeTimes(nodes[i].wrench);
+        for (int j = 0; j <= m; ++j) {
+          terms.mass.template block<kDof, kDof>(kDof * (modes_ * k + j), row) +=
+              nodes[i].L[j].transposeTimes(moved);
+        }
+        if (k > 0) momentum[first + static_cast<std::size_t>(m)] += carried(nodes[i].X, moved);
+      }
+      if (k == 0) continue;
+      beyond += inertiaFrom(nodes[i].X, inertia);
+      wrench += carried(nodes[i].X, nodes[i].wrench);
+    }
   }
   terms.mass.template triangularView<Eigen::StrictlyLower>() = terms.mass.transpose();
 }
@@ -404,20 +417,22 @@ typename MovingArmOf<Group>::Energies MovingArmOf<Group>::energies(
   Tangent velocity = Tangent::Zero();
   Group X;
   for (std::size_t k = 0; k < sections_.size(); ++k) {
+    const Section& section = sections_[k];
     const Eigen::Index at = Group::kDof * modes_ * static_cast<Eigen::Index>(k);
-    for (const Mark& mark : sections_[k].marks) {
+    for (const Mark& mark : section.marks) {
       const Stretch stretch = stretchOf(mark, q.data() + at, rate.data() + at);
-      const Group step = Group::exp(stretch.twist);
-      velocity =
-          step.inverse().adjoint() * velocity + Group::rightJacobian(stretch.twist) * stretch.rate;
-      X = X * step;
+      const Span<Group> span(stretch.twist, stretch.rate, false);
+      velocity = back(span.X, velocity) + span.own;
+      X = X * span.X;
       if (!mark.loaded()) continue;
       out.kinetic += 0.5 * velocity.dot(mark.inertia * velocity);
       out.potential -= gravity_.dot(mark.mass * X.translation + X.rotation * mark.moment_of_mass);
       for (const Pull& pull : mark.pulls) out.potential -= pull.force.dot(X * pull.offset);
     }
-    velocity = sections_[k].link_inverse * velocity;
-    X = X * arm_.link(static_cast<int>(k));
+    if (section.has_link) {
+      velocity = back(section.link, velocity);
+      X = X * section.link;
+    }
   }
   return out;
 }
@@ -430,7 +445,7 @@ Group MovingArmOf<Group>::tip(const Eigen::VectorXd& q) const {
     for (const Mark& mark : sections_[k].marks) {
       X = X * Group::exp(stretchOf(mark, q_k, q_k).twist);
     }
-    X = X * arm_.link(static_cast<int>(k));
+    X = X * sections_[k].link;
   }
   return X;
 }

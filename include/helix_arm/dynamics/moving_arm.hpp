@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <memory>
 #include <vector>
 
 #include "helix_arm/dynamics/motion_config.hpp"
@@ -54,17 +55,14 @@ class MovingArmOf {
     double moment_power = 0.0;  ///< power of dead moments, which have no potential [W]
 
     explicit Terms(const MovingArmOf& arm);
+    ~Terms();
+    Terms(const Terms&) = delete;
+    Terms& operator=(const Terms&) = delete;
 
    private:
     friend class MovingArmOf;
-    // What is found at a mark.
-    struct Node {
-      Group X;                   // seen from the section's base
-      Matrix L[kMostOrder + 1];  // body velocity by the rates of the section's coordinates
-      Tangent wrench;            // that inertia, Coriolis terms and loads take
-    };
-    std::vector<Node> nodes_;
-    std::vector<Matrix> beyond_;  // momentum of all beyond by the coordinates there
+    struct Memory;
+    std::unique_ptr<Memory> memory_;
   };
   void evaluate(const Eigen::VectorXd& q, const Eigen::VectorXd& rate, Terms& terms) const;
 
@@ -96,7 +94,8 @@ class MovingArmOf {
   };
   struct Section {
     std::vector<Mark> marks;
-    Matrix link_inverse;  // Ad of the inverse of its link
+    Group link;
+    bool has_link;
   };
   // Twist of a stretch, its rate, and the part of its second derivative without q''.
   struct Stretch {
@@ -105,8 +104,6 @@ class MovingArmOf {
 
   std::vector<Mark> marksOf(int k, const statics::Load& load) const;
   Stretch stretchOf(const Mark& mark, const double* q, const double* rate) const;
-  // Derivative of the twist of a stretch by a coefficient, of which Jr times it is added to L.
-  void addDerivatives(const Mark& mark, const double* q, const Matrix& Jr, Matrix* L) const;
   Tangent wrenchAt(const Mark& mark, const Group& X, const Tangent& velocity,
                    const Tangent& acceleration, double& power) const;
   void assemble(Terms& terms) const;
