@@ -177,6 +177,18 @@ bool MotionOf<Group>::step(double dt, const model::TwistsOf<Group>& unloaded) no
 }
 
 template <class Group>
+double MotionOf<Group>::elasticEnergy() const noexcept {
+  constexpr int kDof = Group::kDof;
+  double sum = 0.0;
+  for (Eigen::Index at = 0; at < q_.size(); at += kDof) {  // the stiffness has blocks alone
+    const typename Group::Tangent strain =
+        q_.template segment<kDof>(at) - target_.template segment<kDof>(at);
+    sum += 0.5 * strain.dot(arm_.stiffness().template block<kDof, kDof>(at, at) * strain);
+  }
+  return sum;
+}
+
+template <class Group>
 Energy MotionOf<Group>::energy() const {
   return {now_.kinetic, elasticEnergy(), now_.potential - potential_at_start_, dissipated_, work_};
 }

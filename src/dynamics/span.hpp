@@ -111,7 +111,7 @@ inline DualMatrix back(const lie::SE3& X, const DualMatrix& map) {
 }
 inline lie::SE2::Tangent back(const lie::SE2& X, const lie::SE2::Tangent& twist) {
   const Eigen::Vector2d p = X.translation,
-                        v{twist[0] + p.y() * twist[2], twist[1] - p.x() * twist[2]};
+                        v{twist[0] - p.y() * twist[2], twist[1] + p.x() * twist[2]};
   lie::SE2::Tangent out;
   out << X.rotation.transpose() * v, twist[2];
   return out;

@@ -48,9 +48,7 @@ class MotionOf {
   void findRest();
   void residualAt(double dt) noexcept;
   bool solve(double dt) noexcept;
-  double elasticEnergy() const {
-    return 0.5 * (q_ - target_).dot(arm_.stiffness() * (q_ - target_));
-  }
+  double elasticEnergy() const noexcept;
 
   const MovingArmOf<Group>& arm_;
   typename MovingArmOf<Group>::Terms terms_;
