@@ -93,6 +93,7 @@ inline const std::string kLoadedScene = [] {
     - {s: 0.25, force_n: [0, 0.5, 0]}
 tier: loaded
 order: 3
+dynamics: {damping_s: {stretch: 0.01, bend: 0.02}, inertia_radius_m: 0.025, order: 1, step_s: 0.002}
 )";
 }();
 
