@@ -687,11 +687,13 @@ class CalibrationJob {
       warn({"the orientations (qx .. qw) contradict the positions and are left out: " +
             fit.orientation_fault});
     }
+    if (!fit.order_fault.empty()) warn({"positions: " + fit.order_fault});
     if (options.arm.base) {
       const bool of_tags = scene_->tags && !scene_->motion_capture.X_BF;
       (of_tags ? changes_.X_BF : changes_.motion_capture.X_BF) = fit.X_BF;
     }
     changes_.motion_capture.R_TM = fit.R_TM;
+    changes_.motion_capture.p_TM = fit.p_TM;
     changes_.motion_capture.beam = fit.beam;
     for (const estimation::FittedCurve& curve : fit.curves) {
       estimation::ContractionFit table;

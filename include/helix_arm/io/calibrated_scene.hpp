@@ -28,11 +28,11 @@ struct SceneCalibration {
   std::optional<double> K_eps;  ///< of every section [N]
   /// (actuators) factors on the current lengths, or on those of the new curves.
   std::optional<Eigen::VectorXd> length_scale;
-  /// (sections) factors on the radius of each ring, and turns of it about the arm [rad].
-  std::optional<Eigen::VectorXd> ring_radius, ring_phase;
-  std::optional<lie::SE3> X_CB;  ///< base seen from the camera: moves the camera
-  std::optional<lie::SE3> X_BF;  ///< frame of tag poses seen from the base
-  MotionCapture motion_capture;  ///< what was found of it
+  std::optional<Eigen::VectorXd> ring_radius;  ///< (sections) factors on it
+  std::optional<Eigen::VectorXd> ring_phase;   ///< (actuators of rings) turns about the arm [rad]
+  std::optional<lie::SE3> X_CB;                ///< base seen from the camera: moves the camera
+  std::optional<lie::SE3> X_BF;                ///< frame of tag poses seen from the base
+  MotionCapture motion_capture;                ///< what was found of it
   /// Placements of the same tags; the tag size is ignored.
   std::optional<estimation::TagLayout> tags;
   /// Values of other fitted parameters: stroke scales (actuators), factors on those of the scene or
