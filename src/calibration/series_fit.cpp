@@ -15,10 +15,10 @@
 namespace helix_arm::estimation {
 namespace {
 
-constexpr Eigen::Index kMostRows = 5000;    // that are compared
-constexpr std::size_t kMostChoosing = 600;  // that choices of parts, and fits without a block, use
-constexpr Eigen::Index kLeastRows = 50;     // with a position
-constexpr double kReached = 0.9;            // of a curve's range of pressures, by the series
+constexpr Eigen::Index kMostRows = 5000;     // that are compared
+constexpr std::size_t kMostChoosing = 1200;  // that choices of parts, and fits without a block, use
+constexpr Eigen::Index kLeastRows = 50;      // with a position
+constexpr double kReached = 0.9;             // of a curve's range of pressures, by the series
 constexpr double kLeastMotion = 0.002, kMostMotion = 20.0;  // of the tip, RMS, of the arm's length
 constexpr int kRounds = 3;                                  // of noise and fit
 constexpr int kMostRounds = 3;                              // of choices
@@ -209,7 +209,7 @@ class SeriesJob {
     if (options_.arm.length_scale == LengthScaling::kEach) {
       out.emplace_back("length scales", &SeriesForm::scales);
     }
-    if (options_.ring_phase) out.emplace_back("phases", &SeriesForm::phases);
+    if (options_.phases) out.emplace_back("phases", &SeriesForm::phases);
     if (recording_.lever > 0 && options_.arm.base) {
       out.emplace_back("place of the body", &SeriesForm::body);
     }
@@ -385,7 +385,7 @@ class SeriesJob {
     if (arm.length_scale != LengthScaling::kNone) out.length_scale = now.scale;
     if (arm.stroke_scale) out.stroke_scale = now.stroke;
     if (options_.ring_radius) out.ring_radius = now.radius;
-    if (options_.ring_phase) out.ring_phase = phasesOf(now);
+    if (options_.ring_phase || fit.form.phases) out.ring_phase = phasesOf(now);
     if (recording_.lever > 0 && arm.rotation_noise == 0) {
       out.rules.push_back(basics::messageOf(
           "orientation: 1 deg counts as ", 1e3 * recording_.lever * M_PI / 180,

@@ -537,8 +537,8 @@ SeriesModel SeriesProblem::decode(const Eigen::VectorXd& z) const {
   out.places.p_TM = places_.p_TM + out.shift;
   if (out.places.beam) *out.places.beam += out.beam;
   setContractions(out);
-  const bool changed =
-      options_.ring_radius || options_.ring_phase || form_.grows() || readsPressures(prior_.model);
+  const bool changed = options_.ring_radius || options_.ring_phase || form_.phases ||
+                       form_.grows() || readsPressures(prior_.model);
   if (out.sound && changed) setModel(out);
   return out;
 }

@@ -655,6 +655,8 @@ class CalibrationJob {
     options.curve = request_.contraction;
     options.ring_radius = fits(FitParameter::kRingRadius);
     options.ring_phase = fits(FitParameter::kRingPhase);
+    const bool of_geometry = options.arm.base && options.arm.contraction && !scene_->planar;
+    options.phases = options.ring_phase || (of_geometry && io::hasRingsOnly(path_, overrides_));
     estimation::TipSeries tips = soundRowsOf(ofArm(data_.tips));
     if (fitsCurve()) lowerLimits(tips);
     const estimation::SeriesPrior prior = priorOf(*scene_);

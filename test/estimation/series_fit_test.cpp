@@ -143,11 +143,11 @@ TipSeries seriesOf(const Truth& truth, int seed) {
 }
 
 // What a user guesses: another curve, radius and stiffness, and a base whose axes are those of F.
-SeriesPrior guess(const std::vector<double>& lengths = {0.19, 0.2, 0.22}) {
+SeriesPrior guess(const std::vector<double>& lengths = {0.19, 0.2, 0.22}, double radius = 0.025) {
   const auto curve = model::Contraction::table({0, kMost / 2, kMost}, lengths);
   model::Section section;
   for (int i = 0; i < 3; ++i) {
-    const Eigen::Vector3d place{0, 0.025 * std::cos(angleOf(i)), 0.025 * std::sin(angleOf(i))};
+    const Eigen::Vector3d place{0, radius * std::cos(angleOf(i)), radius * std::sin(angleOf(i))};
     model::Actuator one{std::to_string(i + 1),
                         {Eigen::Matrix3d::Identity(), place},
                         {10, 0, 1.5e-4},
@@ -283,12 +283,13 @@ TEST(SeriesFit, FindsThePhaseOfARing) {
   }
 }
 
+// Of chambers that are not evenly spaced, stiffness does not make up for another radius.
 TEST(SeriesFit, FindsWhereChambersSitAroundTheAxis) {
   Truth truth;
   truth.own_phase = {0, 0.5, -0.3};
   SeriesOptions options = everything(false);
-  options.ring_phase = true;
-  const SeriesFit fit = fitSeries(guess(), seriesOf(truth, 4), options);
+  options.phases = true;
+  const SeriesFit fit = fitSeries(guess({0.19, 0.2, 0.22}, kRadius), seriesOf(truth, 4), options);
   ASSERT_EQ(fit.failure, "");
   EXPECT_TRUE(keeps(fit, "phases"));
   EXPECT_LT(fit.rms_about_offset, 1.1 * std::sqrt(3) * kNoise);

@@ -44,9 +44,12 @@ struct SeriesOptions {
   CalibrationOptions arm;
   std::string curve;      ///< the only one that contraction frees; empty: all
   bool response = false;  ///< lag, play and slow state, one for all actuators
-  /// Radius and phase of the rings of all sections, and where it predicts better, the angle of each
-  /// actuator that moves. A turn of the first ring, if the base is fitted, is the base's.
+  /// Radius and phase of the rings of all sections. A turn of the first one, if the base is fitted,
+  /// is the base's.
   bool ring_radius = false, ring_phase = false;
+  /// Where it predicts better, the angle about the axis of each actuator that moves, against the
+  /// first one that moves in its section.
+  bool phases = false;
   /// Standard deviation of the tip's offset from trial to trial, per axis: where an arm rests moves
   /// from hour to hour. Large ones also take up what the curves should explain. 0: no offset. [m]
   double rest_offset = 0.0005;

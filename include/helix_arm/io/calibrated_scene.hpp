@@ -75,6 +75,9 @@ std::vector<Override> withLimit(const std::string& path, std::vector<Override> o
 /// @throws std::invalid_argument if a section of a sound scene file lists its actuators, so that
 /// its radius and phase cannot be changed; DocumentError if the file cannot be read.
 void requireRings(const std::string& path, const std::vector<Override>& overrides);
+/// Whether none does.
+/// @throws DocumentError likewise.
+bool hasRingsOnly(const std::string& path, const std::vector<Override>& overrides);
 
 /// New values of a scene's camera; absent members leave the scene as it is.
 struct CameraChange {

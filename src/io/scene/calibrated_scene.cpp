@@ -561,6 +561,14 @@ void requireRings(const std::string& path, const std::vector<Override>& override
   putRings({}, document);
 }
 
+bool hasRingsOnly(const std::string& path, const std::vector<Override>& overrides) {
+  FaultList faults(path);
+  Value document = readSceneDocument(path, overrides, faults).document;
+  const std::vector<Value::Entry>& sections = sectionsOf(document);
+  return std::all_of(sections.begin(), sections.end(),
+                     [](const Value::Entry& one) { return one.value.find("ring") != nullptr; });
+}
+
 CameraPlace cameraPlaceOf(const lie::SE3& X_WC) {
   return {X_WC.translation, rpyDegOf(X_WC.rotation * kOpticalInBody.transpose())};
 }
