@@ -89,8 +89,9 @@ class SeriesJob {
     dropParts(best, out);
     const std::vector<bool> all(few_.size(), true);
     if (few_ != all) {
-      best = fitted(best.form, best.problem->named(best.at.z), all);
-      leaveOut(best);
+      const Fitted whole = fitted(best.form, best.problem->named(best.at.z), all);
+      best.problem = whole.problem;
+      best.at = whole.at;
     }
     report(best, out);
     return out;
