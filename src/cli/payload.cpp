@@ -52,7 +52,7 @@ std::string limitsText(const model::Arm& arm, const std::vector<Limit>& limits) 
 struct PayloadArguments {
   std::string scene, tip, direction, moment, png;
   bool map = false;
-  int count = 2000;
+  int count = 4000;
   std::uint64_t seed = 1;
   double tolerance_percent = 1.0;
 };
@@ -117,6 +117,14 @@ CsvTable csvTable(const model::Arm& arm, const std::vector<Eigen::Vector3d>& dir
   return table;
 }
 
+// Adds the weakest and the strongest of the rows, null without any.
+void addEnds(const json& rows, json& report) {
+  const auto weaker = [](const json& a, const json& b) { return a["force_n"] < b["force_n"]; };
+  const bool some = !rows.empty();
+  report["weakest"] = some ? *std::min_element(rows.begin(), rows.end(), weaker) : json();
+  report["strongest"] = some ? *std::max_element(rows.begin(), rows.end(), weaker) : json();
+}
+
 int runTip(const PayloadArguments& arguments, const GlobalOptions& global, const io::Scene& scene) {
   refuseIf(!arguments.png.empty(), "--png draws a map; give --map instead of --tip");
   statics::PayloadSolver solver(scene.model, optionsOf(arguments));
@@ -125,20 +133,20 @@ int runTip(const PayloadArguments& arguments, const GlobalOptions& global, const
   const statics::InverseResult without_force = solver.moveTo(tip);
   std::vector<Payload> found;
   json rows = json::array();
+  const bool there = solver.isThere();
   for (const Eigen::Vector3d& direction : directions) {
+    if (!there) break;
     found.push_back(solver.along(direction));
     rows.push_back(payloadJson(scene.arm, direction, found.back()));
   }
-  const auto weaker = [](const json& a, const json& b) { return a["force_n"] < b["force_n"]; };
-  const bool there = solver.isThere();
   json report = headOf(scene, solver);
   report.update({{"tip_m", toJson(tip)},
                  {"status", there ? "reached" : "unreached"},
                  {"reason", nullptr},
                  {"position_error_m", finite(without_force.position_error)},
-                 {"directions", rows},
-                 {"weakest", *std::min_element(rows.begin(), rows.end(), weaker)},
-                 {"strongest", *std::max_element(rows.begin(), rows.end(), weaker)}});
+                 {"pressures_pa", toJson(without_force.input)},
+                 {"directions", rows}});
+  addEnds(rows, report);
   if (!there) {
     report["reason"] = basics::format(
         "without the force the tip comes no nearer than %.3g m; choose a place within the "
@@ -148,7 +156,7 @@ int runTip(const PayloadArguments& arguments, const GlobalOptions& global, const
   json shown = without(report, {"order"});
   for (const char* key : {"weakest", "strongest"}) {
     shown[key] = without(shown[key], {"pressures_pa", "stiffness_n_per_m"});
-    if (rows.size() == 1) shown.erase(key);
+    if (rows.size() < 2) shown.erase(key);
   }
   printResult(global.format, report, shown, [&] { return csvTable(scene.arm, directions, found); });
   return there ? kDone : kNotPossible;
@@ -227,16 +235,14 @@ int runMap(const PayloadArguments& arguments, const GlobalOptions& global, const
     table.add(row);
     rows.push_back(std::move(one));
   }
-  const auto weaker = [](const json& a, const json& b) { return a["force_n"] < b["force_n"]; };
   const bool some = !rows.empty();
   report.update(
       {{"direction", toJson(downIn(scene))},
        {"count", rows.size()},
        {"median_n", some ? json(basics::medianOf(forces)) : json()},
        {"reason", some ? json() : json("no shape balances the load at any sampled input")},
-       {"weakest", some ? *std::min_element(rows.begin(), rows.end(), weaker) : json()},
-       {"strongest", some ? *std::max_element(rows.begin(), rows.end(), weaker) : json()},
        {"png", textOrNull(arguments.png)}});
+  addEnds(rows, report);
   if (!arguments.png.empty() && some) {
     const json drawn{{"scene", scene.name}, {"tier", ""}, {"cloud", "cloud.ply"}};
     procedures::drawReport(drawn.dump(), arguments.png, "leave out --png",
@@ -261,28 +267,16 @@ struct AttainArguments {
   double tolerance_percent = 100 * statics::AttainSolver::kUsualTolerance;
 };
 
-// s runs over [k, k + 1] along section k; at its end, the tip.
-statics::PointLoad pointAt(const model::Arm& arm, const std::string& option, double s) {
-  const int sections = arm.sectionCount();
-  refuseIf(!(s >= 0 && s <= sections), option, " is at s = ", s, "; expected 0 to ", sections,
-           ", the number of sections, which is the tip");
-  statics::PointLoad out;
-  out.section = std::min(static_cast<int>(s), sections - 1);
-  out.s = s - out.section;
-  if (s == sections) out.offset = arm.link(out.section).translation;
-  return out;
-}
-
 std::vector<statics::PointLoad> pointsOf(const AttainArguments& arguments, const model::Arm& arm) {
   std::vector<statics::PointLoad> out;
   for (const std::string& text : arguments.forces) {
     const Eigen::VectorXd numbers = numberList("--force", text, 4);
-    out.push_back(pointAt(arm, "--force", numbers[0]));
+    out.push_back(statics::placeAt(arm, numbers[0]));
     out.back().force = numbers.tail<3>();
   }
   for (const std::string& text : arguments.moments) {
     const Eigen::VectorXd numbers = numberList("--moment", text, 4);
-    out.push_back(pointAt(arm, "--moment", numbers[0]));
+    out.push_back(statics::placeAt(arm, numbers[0]));
     out.back().moment = numbers.tail<3>();
   }
   return out;
@@ -361,11 +355,11 @@ force is a solution of the loaded inverse (tier loaded, order 5, or exact where 
 has that); with more actuators than the tip needs, six starts are tried, and nothing
 proves that none carries more. Needs arm.stiffness.K_eps_n.
 json: scene, tier, order, tip_m, tolerance_m, status (reached, unreached), reason,
-position_error_m (without the force), directions [{direction, force_n (null if
-unreached), limit, stiffness_n_per_m (along the force, there), pressures_pa}], weakest
-and strongest (of these). limit: actuators that end it with their limit, as "muscle_1
+position_error_m and pressures_pa (without the force), directions [{direction, force_n,
+limit, stiffness_n_per_m (along the force, there), pressures_pa}], weakest and strongest
+(of these; null if unreached). limit: actuators that end it with their limit, as "muscle_1
 upper"; or unstable (no stable shape balances more), unactuated (the tip leaves the place
-before any limit is met), unreached, none (nothing below ten times K_eps).
+before any limit is met), none (nothing below ten times K_eps).
 With --map: direction, count, median_n, weakest and strongest place {tip_m, ..}, png; csv:
 a row for each place. Exit code 1 if the tip is not reached without the force.)");
   return {command, [arguments](const GlobalOptions& global) { return run(*arguments, global); }};

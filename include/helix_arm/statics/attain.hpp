@@ -11,6 +11,10 @@
 
 namespace helix_arm::statics {
 
+/// A place of the arm for a load, at s in [k, k + 1] along section k; the end of the last one is
+/// the tip. @throws std::invalid_argument on another s.
+PointLoad placeAt(const model::Arm& arm, double s);
+
 /// Wrench by which the muscles miss what a load requires.
 struct MissingWrench {
   int section = 0;                                   ///< where it is largest, from 0 at the base

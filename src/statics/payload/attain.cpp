@@ -335,6 +335,17 @@ double largestForceOf(const model::Arm& arm, const Load& load, const LengthBox& 
 
 }  // namespace
 
+PointLoad placeAt(const model::Arm& arm, double s) {
+  const int sections = arm.sectionCount();
+  basics::require(s >= 0 && s <= sections, "a load is at s = ", s, "; expected 0 to ", sections,
+                  ", the number of sections, which is the tip");
+  PointLoad out;
+  out.section = std::min(static_cast<int>(s), sections - 1);
+  out.s = s - out.section;
+  if (s == sections) out.offset = arm.link(out.section).translation;
+  return out;
+}
+
 AttainSolver::AttainSolver(model::Arm arm, const Load& load, double tolerance)
     : arm_(std::move(arm)), load_(load), tolerance_(tolerance) {
   load.validate(arm_.sectionCount());
