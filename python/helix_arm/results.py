@@ -141,7 +141,7 @@ class Attainment(Result):
     missing_force_n: np.ndarray  #: (N, 3) where most is missing, frame of the base curve there [N]
     missing_moment_nm: np.ndarray  #: (N, 3) likewise [N m]
     missing_s: Union[float, np.ndarray]  #: (N,) there, in [k, k + 1] along section k
-    residual_n: Union[float, np.ndarray]  #: (N,) root mean square over s of force and moment / radius of the bundle [N]
+    residual_n: Union[float, np.ndarray]  #: (N,) root mean square over s, as the force along the arm with the same energy [N]
     active_limits: np.ndarray  #: (N, n) limits without which less would be missing: -1 lower, 1 upper, 0 none
     largest_force_n: float  #: that a section can make [N]
 

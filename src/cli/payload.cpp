@@ -391,8 +391,8 @@ alone; give the pieces of a shape under load to compare with such a shape. Needs
 arm.stiffness.K_eps_n.
 json: scene, attainable, missing {s, force_n, moment_nm} (where most is missing, frame of
 the base curve there), limit (actuators at limits without which less would be missing),
-residual_n (root mean square over s of the missing force, and of the moment over the
-radius of the bundle), largest_force_n (that a section can make), pressures_pa (closest),
+residual_n (root mean square over s of the missing wrench, as the force along the arm that
+deforms it with the same energy), largest_force_n (that a section can make), pressures_pa (closest),
 reason. Exit code 1 if it is not attainable.)");
   return {command, [arguments](const GlobalOptions& global) { return run(*arguments, global); }};
 }

@@ -30,8 +30,9 @@ struct Attainment {
   /// (n) limits without which less would be missing.
   std::vector<Limit> limits;
   MissingWrench missing;
-  /// Root mean square over s of the missing force, and of the moment over the radius of the bundle,
-  /// of the section where it is largest [N].
+  /// Root mean square over s of the missing wrench, of the section where it is largest [N]: as the
+  /// force along the arm that would deform it with the same energy. A shear force counts less by
+  /// about the root of K_gamma, a moment about as itself over the radius of the bundle.
   double residual = 0.0;
 };
 
@@ -40,9 +41,10 @@ struct Attainment {
 /// At each s the actuators of a section make the wrench
 ///     w(s) = (K_eps / l) sum_i k_i Ad_i^-T K_i (Ad_i^-1 g(s) - l_i e1),
 /// which is linear in the free lengths l_i, and the load beyond s requires Ad(X(s))^T W(s). The
-/// lengths within the limits whose wrenches are nearest, in the mean square over Gauss points, are
-/// a bounded linear least-squares problem for each section. Where the stiffness depends on pressure
-/// it is iterated from several starts. Among equal answers the one of least pressure is taken.
+/// lengths within the limits whose wrenches are nearest, in the energy of what is missing over
+/// Gauss points, are a bounded linear least-squares problem for each section. Where the stiffness
+/// depends on pressure it is iterated from several starts. Among equal answers the one of least
+/// pressure is taken.
 ///
 /// Immutable, so threads may share it.
 class AttainSolver {

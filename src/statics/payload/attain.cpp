@@ -1,5 +1,6 @@
 #include "helix_arm/statics/attain.hpp"
 
+#include <Eigen/Cholesky>
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
@@ -91,6 +92,27 @@ std::vector<std::vector<Place>> placesOf(const model::Shape& shape, const Load& 
   return out;
 }
 
+// R of the norm |R w| [N] of a wrench: the elastic energy w' C w of what it deforms, as a force
+// along the arm that has the same. A wrench that nothing resists counts by itself, its moment over
+// the bundle's radius.
+lie::Matrix6 rootOfNorm(const model::Arm& arm, int section, double s) {
+  const auto& mean = arm.equilibrium(section);
+  const int first = arm.firstActuator(section), end = arm.firstActuator(section + 1);
+  double radius = 0.0;
+  for (int i = first; i < end; ++i) {
+    radius += arm.actuator(i).X_O.translation.norm() / (end - first);
+  }
+  radius = std::max(radius, kLeastRadius * arm.freeLength(section));
+  lie::Matrix6 norm = arm.taper(section) ? arm.taper(section)->complianceAt(s) : mean.compliance;
+  norm /= mean.compliance(0, 0);
+  for (int j = 0; j < mean.null_space.cols(); ++j) {
+    Vector6 motion = mean.null_space.col(j);
+    motion.tail<3>() /= radius;
+    norm += motion * motion.transpose();
+  }
+  return norm.llt().matrixU();
+}
+
 /// The missing wrenches of one section by the free lengths of its actuators.
 class SectionBalance {
  public:
@@ -105,15 +127,13 @@ class SectionBalance {
         bending_(arm.bending(section)),
         input_(Eigen::VectorXd::Zero(n_)) {
     if (!load.tables.empty()) table_ = load.tables[static_cast<std::size_t>(section)];
-    double radius = 0.0;
-    for (int i = 0; i < n_; ++i) radius += arm.actuator(first_ + i).X_O.translation.norm() / n_;
-    radius_ = std::max(radius, kLeastRadius * arm.freeLength(section));
     tapered_ = arm.taper(section) != nullptr;
     for (std::size_t p = 0; p < (tapered_ ? places_.size() : 1); ++p) {
       for (int i = 0; i < n_; ++i) {
         seen_.push_back(
             model::poseAlong(arm.actuator(first_ + i), places_[p].s).inverse().adjoint());
       }
+      roots_.push_back(rootOfNorm(arm, section, places_[p].s));
     }
   }
 
@@ -168,12 +188,10 @@ class SectionBalance {
       for (int i = 0; i < n_ && !bending_.empty(); ++i) {
         columns.col(i) += bend_slope * bending_.argumentSlope(input_, i) * inputByLength(i) * bent;
       }
-      const double root = std::sqrt(place.weight);
-      Vector6 scale = Vector6::Constant(root);
-      scale.tail<3>() /= radius_;
+      const lie::Matrix6 scaled = std::sqrt(place.weight) * rootAt(p);
       residual.segment<6>(6 * static_cast<Eigen::Index>(p)) =
-          scale.cwiseProduct(per_strain_ * sum - place.required);
-      columns = (per_strain_ * scale).asDiagonal() * columns;
+          scaled * (per_strain_ * sum - place.required);
+      for (int i = 0; i < n_; ++i) columns.col(i) = scaled * Vector6(per_strain_ * columns.col(i));
     }
   }
 
@@ -186,12 +204,14 @@ class SectionBalance {
           -residual.segment<6>(6 * static_cast<Eigen::Index>(p)) / std::sqrt(places_[p].weight);
       if (here.norm() <= most) continue;
       most = here.norm();
-      out = {section, places_[p].s, here.head<3>(), radius_ * here.tail<3>()};
+      const Vector6 wrench = rootAt(p).triangularView<Eigen::Upper>().solve(here);
+      out = {section, places_[p].s, wrench.head<3>(), wrench.tail<3>()};
     }
     return out;
   }
 
  private:
+  const lie::Matrix6& rootAt(std::size_t place) const { return roots_[tapered_ ? place : 0]; }
   double inputByLength(int i) const {
     const model::Actuator& actuator = arm_.actuator(first_ + i);
     const double mean = (upper(i) - lower(i)) / (actuator.limits.upper - actuator.limits.lower);
@@ -204,11 +224,12 @@ class SectionBalance {
   const LengthBox& box_;
   const std::vector<Place>& places_;
   int first_, n_;
-  double per_strain_, radius_ = 1.0;
+  double per_strain_;
   StiffnessTable table_;
   model::BendingTable bending_;
   bool tapered_ = false;
-  std::vector<lie::Matrix6> seen_;  // Ad_i^-1, of a tapered section at each place
+  std::vector<lie::Matrix6> seen_;   // Ad_i^-1, of a tapered section at each place
+  std::vector<lie::Matrix6> roots_;  // of the norm, likewise
   Eigen::VectorXd input_;
 };
 
