@@ -4,6 +4,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <limits>
 #include <utility>
 
@@ -316,8 +317,10 @@ class SectionSearch {
 };
 
 // Parts of the limits at which a search begins: the lowest inputs, and, where the stiffness depends
-// on them, others as well.
+// on them, others as well; of few actuators also near each corner of the limits.
 constexpr double kStarts[] = {0.0, 0.25, 0.6, 1.0};
+constexpr double kCornerStarts[] = {0.1, 0.9};
+constexpr int kMostForCorners = 4;
 
 // Leaves the best of all starts in the search. @param enough  residual that ends it [N].
 // @return its residual [N].
@@ -325,9 +328,14 @@ double bestOf(const model::Arm& arm, int first, double enough, SectionSearch& se
               const SectionBalance& balance) {
   double least = std::numeric_limits<double>::infinity();
   Eigen::VectorXd best;
-  for (const double start : kStarts) {
-    const Eigen::VectorXd q = arm.inputAt(start);
-    for (int i = 0; i < balance.size(); ++i) {
+  const int even = std::size(kStarts), n = balance.size();
+  const int starts = balance.isLinear() ? 1 : even + (n <= kMostForCorners ? 1 << n : 0);
+  for (int start = 0; start < starts && least > enough; ++start) {
+    Eigen::VectorXd q = arm.inputAt(kStarts[std::min(start, even - 1)]);
+    for (int i = 0; i < n; ++i) {
+      const model::Range& limits = arm.actuator(first + i).limits;
+      const double part = kCornerStarts[(start - even) >> i & 1];
+      if (start >= even) q[first + i] = limits.lower + part * (limits.upper - limits.lower);
       search.lengths[i] = arm.actuator(first + i).contraction.lengthInside(q[first + i]);
     }
     const double size = std::sqrt(search.descend());
@@ -335,7 +343,6 @@ double bestOf(const model::Arm& arm, int first, double enough, SectionSearch& se
       least = size;
       best = search.lengths;
     }
-    if (balance.isLinear() || least <= enough) break;
   }
   search.lengths = best;
   search.evaluate();
