@@ -352,7 +352,7 @@ Subcommand addPayload(CLI::App& app) {
       R"(The force grows until no pressures within the limits keep the tip within the tolerance in a
 stable shape. It and the moment keep their directions; the scene's load acts, too. Each
 force is a solution of the loaded inverse (tier loaded, order 5, or exact where the scene
-has that); with more actuators than the tip needs, six starts are tried, and nothing
+has that); with more actuators than the tip needs, eleven starts are tried, and nothing
 proves that none carries more. Needs arm.stiffness.K_eps_n.
 json: scene, tier, order, tip_m, tolerance_m, status (reached, unreached), reason,
 position_error_m and pressures_pa (without the force), directions [{direction, force_n,

@@ -249,7 +249,7 @@ class PayloadTest(unittest.TestCase):
         for tip, push in zip(self.tips[:3], np.eye(3)):
             found = self.scene.payload(tip, push)
             pushed = helix_arm.Scene.load("loaded", {"load.tip": {
-                "mass_kg": 0.05, "force_n": (found.forces_n[0] * push).tolist()}})
+                "mass_kg": 0.05, "force_n": (found.forces_n[0] * self.scene._rotation_WB @ push).tolist()}})
             self.assertLess(np.linalg.norm(pushed.tips(found.pressures_pa[0]) - tip), 0.0102 * self.scene.length_m)
 
     def test_out_of_reach_is_nan(self):
