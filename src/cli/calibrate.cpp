@@ -442,6 +442,25 @@ void addVerdictOptions(CLI::App& command, CalibrateOptions& options) {
                    "in text, the error of each pressure and arm that was held out as well");
 }
 
+// Options for contraction curves.
+void addCurveOptions(CLI::App& command, CalibrateOptions& options) {
+  addOption(command, "--muscles", options.muscles,
+            "the data are of a testing machine with so many equal muscles in parallel, for --fit "
+            "contraction,K_eps",
+            CLI::Range(1, 1000));
+  addOption(
+      command, "--contraction", options.request.contraction,
+      "the scene's contraction curve that free lengths replace, needed if it has several; the only "
+      "one that a series of the tip changes, else all");
+  addOption(command, "--curve", options.curve,
+            "kind of contraction curve: spline (fitted to free lengths and captures together), "
+            "quintic or table (to free lengths alone); default spline with captures, else quintic",
+            CLI::IsMember(kCurveNames));
+  addOption(command, "--branch", options.branch,
+            "branch of the free lengths: both, rising or falling",
+            CLI::IsMember({"both", "rising", "falling"}), kShowDefault);
+}
+
 }  // namespace
 
 Subcommand addCalibrate(CLI::App& app) {
@@ -466,25 +485,11 @@ Subcommand addCalibrate(CLI::App& app) {
             "parameters to fit, comma list of " + estimation::fitWordsText() + "; default " +
                 estimation::wordOf(estimation::kDefaultFitGroup));
   addOption(*command, "--out", options->out, "scene file to write, completely or not at all");
-  addOption(*command, "--muscles", options->muscles,
-            "the data are of a testing machine with so many equal muscles in parallel, for --fit "
-            "contraction,K_eps",
-            CLI::Range(1, 1000));
   addOption(*command, "--also", options->also,
             "another arm with the same stiffness, as SCENE,DATA.csv; --set does not apply to it; "
             "repeatable")
       ->allow_extra_args(false);
-  addOption(
-      *command, "--contraction", options->request.contraction,
-      "the scene's contraction curve that free lengths replace, needed if it has several; the only "
-      "one that a series of the tip changes, else all");
-  addOption(*command, "--curve", options->curve,
-            "kind of contraction curve: spline (fitted to free lengths and captures together), "
-            "quintic or table (to free lengths alone); default spline with captures, else quintic",
-            CLI::IsMember(kCurveNames));
-  addOption(*command, "--branch", options->branch,
-            "branch of the free lengths: both, rising or falling",
-            CLI::IsMember({"both", "rising", "falling"}), kShowDefault);
+  addCurveOptions(*command, *options);
   addOption(
       *command, "--rest-offset-mm", options->rest_offset_mm,
       "expected standard deviation of the tip's offset from trial to trial, per axis [mm], of "

@@ -164,15 +164,22 @@ class PayloadSolver::Search {
   }
 
   // The nearest tip under a force, from lengths (n).
-  InversePoint nearest(double force, const Eigen::VectorXd& lengths) const {
+  InversePoint nearest(const ArmModel& model, const Eigen::VectorXd& lengths) const {
     InversePoint point(arm().actuatorCount(), 6 * arm().sectionCount());
     point.lengths = lengths;
-    Push(pushed(force), box_, tip_, tolerance_).descend(point);
+    Push(model, box_, tip_, tolerance_).descend(point);
     return point;
   }
   // Whether a force is held from lengths (n), which the answer replaces.
   bool holdsFrom(const Eigen::VectorXd& lengths, double force) {
-    const InversePoint point = nearest(force, lengths);
+    const ArmModel model = pushed(force);
+    const Tip here = model.tipOfLengths(lengths);
+    if (!here.converged()) return false;
+    if ((here.tip.translation - tip_).norm() <= tolerance_) {
+      held_ = lengths;
+      return true;
+    }
+    const InversePoint point = nearest(model, lengths);
     if (!(point.cost <= tolerance_ * tolerance_)) return false;
     held_ = point.lengths;
     return true;
@@ -203,7 +210,7 @@ class PayloadSolver::Search {
   void nameEnd(double beyond, Payload& out) const {
     out.end = PayloadEnd::kNone;
     if (!std::isfinite(beyond)) return;
-    const InversePoint point = nearest(beyond, held_);
+    const InversePoint point = nearest(pushed(beyond), held_);
     out.end = point.residual[0] < kNoBalance ? PayloadEnd::kUnactuated : PayloadEnd::kUnstable;
     const Eigen::VectorXd residual = point.residual.head<3>();
     for (int i = 0; i < point.lengths.size() && out.end != PayloadEnd::kUnstable; ++i) {
