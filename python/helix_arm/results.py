@@ -121,7 +121,8 @@ class Jacobian(Result):
 
 @dataclasses.dataclass(frozen=True)
 class Payload(Result):
-    """The largest forces at N places of the tip in D directions. NaN where the tip is not reached without the force."""
+    """The largest forces at N places of the tip in D directions. NaN where the tip is not reached without the force; the stiffness
+    also at the edge of buckling."""
 
     directions: np.ndarray  #: (D, 3) unit vectors, base frame
     forces_n: np.ndarray  #: (N, D) [N]

@@ -432,7 +432,7 @@ TEST(Payload, IsWithinOnePercentOfBruteForce) {
 TEST(Payload, IsHeldInTheExactTierAndNoMoreIsByTheInverse) {
   test::Random random(534);
   const int cases = test::draws(12, 200);
-  int ended_by_limits = 0;
+  int ended_by_limits = 0, without_stiffness = 0;
   for (int number = 0; number < cases; ++number) {
     const model::Arm arm = someArm(number, random);
     const ArmModel model = loadedModel(arm, someLoad(arm, 0, random));
@@ -468,9 +468,12 @@ TEST(Payload, IsHeldInTheExactTierAndNoMoreIsByTheInverse) {
       EXPECT_NEAR(found.input[i], at, 0.05 * (limits.upper - limits.lower)) << which;
     }
     ended_by_limits += found.end == PayloadEnd::kLimits;
-    EXPECT_GT(found.stiffness, 0) << which;
+    const bool stiff = found.stiffness > 0;
+    EXPECT_TRUE(stiff || found.end == PayloadEnd::kUnstable) << which;
+    without_stiffness += !stiff;
   }
   EXPECT_GT(ended_by_limits, 0.5 * cases);
+  EXPECT_LE(without_stiffness, test::mostOf(cases, 0.03));
 }
 
 // A slender column that is pushed along itself buckles long before a muscle is at its limit.

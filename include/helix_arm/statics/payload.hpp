@@ -34,7 +34,8 @@ struct Payload {
   double force = 0.0;         ///< [N], within 0.1 %; 0 if the place is not reached
   Eigen::VectorXd input;      ///< (n) that hold it [Pa]; of tendons, [rad]
   std::vector<Limit> limits;  ///< (n) limits that end it
-  /// Force per motion of the tip along it, at these inputs [N/m]; NaN if the place is not reached.
+  /// Force per motion of the tip along it, at these inputs [N/m]; NaN if the place is not reached,
+  /// or at the edge of buckling.
   double stiffness = 0.0;
 };
 

@@ -134,8 +134,8 @@ class PayloadSolver::Search {
     }
     out.force = found.held;
     box_.readInputs(held_, out.input);
-    out.stiffness = stiffnessAt(pushed(found.held), out.input);
     nameEnd(found.beyond, out);
+    out.stiffness = stiffnessAt(pushed(found.held), out.input);
     return out;
   }
 
