@@ -26,6 +26,8 @@ struct SceneCalibration {
   /// How K_kappa of every section depends on pressure; absent: as before. Needs stiffness.
   std::optional<model::BendingTable> bending;
   std::optional<double> K_eps;  ///< of every section [N]
+  /// Factors on it as a function of the actuators' inputs; empty: it is constant.
+  model::StiffnessTable K_eps_table;
   /// (actuators) factors on the current lengths, or on those of the new curves.
   std::optional<Eigen::VectorXd> length_scale;
   std::optional<Eigen::VectorXd> ring_radius;  ///< (sections) factors on it

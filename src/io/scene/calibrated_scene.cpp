@@ -208,11 +208,25 @@ void putStiffness(const model::Stiffness& stiffness,
   }
 }
 
-void putK_eps(const Scene& scene, double K_eps, Value& document) {
-  basics::require(scene.model.load().has_value(), "calibratedSceneText: K_eps is calibrated, but ",
-                  "scene ", scene.name, " has no load; expected one with a load");
-  for (Value* const one : stiffnessesOf(document)) {
-    if (findValue(*one, "K_eps_n")) setValue(*one, "K_eps_n", numberValue(K_eps));
+// A table is of muscles on a testing machine, also for scenes that have no K_eps yet.
+void putK_eps(const Scene& scene, double K_eps, const model::StiffnessTable& table,
+              Value& document) {
+  Value entry = numberValue(K_eps);
+  if (table.empty()) {
+    basics::require(scene.model.load().has_value(),
+                    "calibratedSceneText: K_eps is calibrated, but ", "scene ", scene.name,
+                    " has no load; expected one with a load");
+  } else {
+    std::vector<double> pressure = table.input, force = table.factor;
+    for (double& one : force) one *= K_eps;
+    entry = mapOf({{"pressure_kpa", Numbers{kPressure}, pressure, kKilo},
+                   {"force_n", Numbers{kPositive}, force}});
+  }
+  const std::vector<Value*> all = stiffnessesOf(document);
+  const auto has = [](Value* one) { return findValue(*one, "K_eps_n") != nullptr; };
+  if (std::none_of(all.begin(), all.end(), has)) return setValue(*all.front(), "K_eps_n", entry);
+  for (Value* const one : all) {
+    if (has(one)) setValue(*one, "K_eps_n", entry);
   }
 }
 
@@ -378,7 +392,7 @@ void putCalibration(const Scene& scene, const SceneCalibration& changes, Value& 
     putContraction(scene, name, fit, document, faults);
   }
   if (changes.stiffness) putStiffness(*changes.stiffness, changes.bending, document);
-  if (changes.K_eps) putK_eps(scene, *changes.K_eps, document);
+  if (changes.K_eps) putK_eps(scene, *changes.K_eps, changes.K_eps_table, document);
   if (changes.length_scale) {
     putScales(scene, kLengthScaleKey, "the number of length scales", *changes.length_scale,
               document);
