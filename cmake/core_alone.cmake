@@ -19,7 +19,7 @@ function(helix_arm_test name)
   endif()
 endfunction()
 
-foreach(layer basics lie model statics control)
+foreach(layer basics lie model statics dynamics control)
   add_subdirectory(test/${layer} test/${layer})
 endforeach()
 if(CMAKE_SYSTEM_PROCESSOR STREQUAL "aarch64")

@@ -9,8 +9,9 @@ need the Python packages of ROS.
 """
 from helix_arm._core import DocumentError, version as __version__
 from helix_arm.results import (Alarm, Attainment, Budget, Calibration, Combination, Contraction, Curve, Evaluation, Fit, FollowRun,
-                               Forward, Inverse, Jacobian, Parameter, Payload, Sight, Workspace)
+                               Forward, Inverse, Jacobian, Motion, Parameter, Payload, Sight, Workspace)
 from helix_arm.scene import Scene, shipped_scenes
 
 __all__ = ["Alarm", "Attainment", "Budget", "Calibration", "Combination", "Contraction", "Curve", "DocumentError", "Evaluation", "Fit",
-           "FollowRun", "Forward", "Inverse", "Jacobian", "Parameter", "Payload", "Scene", "Sight", "Workspace", "__version__", "shipped_scenes"]
+           "FollowRun", "Forward", "Inverse", "Jacobian", "Motion", "Parameter", "Payload", "Scene", "Sight", "Workspace", "__version__",
+           "shipped_scenes"]

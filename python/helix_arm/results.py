@@ -162,6 +162,17 @@ class Workspace(Result):
 
 
 @dataclasses.dataclass(frozen=True)
+class Motion(Result):
+    """The tip over time. A batch of rollouts has them as first dimension."""
+
+    times_s: np.ndarray  #: (T,) [s]
+    tips: np.ndarray  #: (T, 3) or (rollouts, T, 3) base frame [m]
+    quaternions_xyzw: np.ndarray  #: (T, 4) or (rollouts, T, 4) x, y, z, w of the tip's frame; w >= 0
+    steps: Union[int, np.ndarray]  #: number, or (rollouts,)
+    energy_j: Dict[str, Any]  #: at the end [J], each a number or (rollouts,): kinetic + elastic + potential + dissipated = work
+
+
+@dataclasses.dataclass(frozen=True)
 class Fit(Result):
     """Shapes fitted to the tags of N captures. Rows without a fit hold NaN."""
 

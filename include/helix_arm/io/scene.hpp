@@ -8,6 +8,7 @@
 
 #include "helix_arm/calibration/calibration.hpp"
 #include "helix_arm/control/safety.hpp"
+#include "helix_arm/dynamics/motion_config.hpp"
 #include "helix_arm/follow/visual_servo_config.hpp"
 #include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/io/provenance.hpp"
@@ -73,7 +74,8 @@ struct Scene {
   std::optional<model::PlanarArm> planar;
   /// The same arm with its load, computed by the tier that the scene asks for or needs.
   statics::ArmModel model;
-  std::vector<SectionLook> looks;  ///< (sections)
+  dynamics::MotionConfig dynamics;  ///< what its motion takes besides the model
+  std::vector<SectionLook> looks;   ///< (sections)
   std::optional<regulator::Config> regulator;
   std::optional<estimation::TagLayout> tags;
   estimation::TagPrior tag_prior;  ///< uncertainty of their placements

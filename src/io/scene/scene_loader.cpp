@@ -83,6 +83,20 @@ void takeErrors(const Provenance& calibration, const estimation::TagPrior& prior
 
 }  // namespace
 
+dynamics::MotionConfig readDynamics(const MapReader& scene) {
+  constexpr NumberRule kDamping = within(kNotNegative, 0, 1e3, " s");
+  dynamics::MotionConfig config;
+  dynamics::StrainTimes& damping = config.damping;
+  scene.map("dynamics",
+            {{"damping_s",
+              {Key("stretch", kDamping, damping.stretch), Key("shear", kDamping, damping.shear),
+               Key("twist", kDamping, damping.twist), Key("bend", kDamping, damping.bend)}},
+             Key("inertia_radius_m", kLength, config.inertia_radius),
+             Key("order", Whole{0, dynamics::kMostOrder}, config.order),
+             Key("step_s", within(kPositive, 1e-6, 0.1, " s"), config.step)});
+  return config;
+}
+
 Scene makeScene(const Value& document, FaultList& faults) {
   const MapReader keys(document, "", keysOf(sceneKind().keys), faults);
   auto [name, contractions, arm, model] = readSceneArm(keys);
@@ -94,6 +108,7 @@ Scene makeScene(const Value& document, FaultList& faults) {
   SimulationConfig simulation = readSimulation(keys, known_arm);
   auto regulator = readRegulator(keys, known_arm);
   SafetyConfig safety = readSafety(keys, known_arm, regulator);
+  const dynamics::MotionConfig dynamics = readDynamics(keys);
   const follow::VisualServoConfig follow = readFollow(keys, safety, regulator);
   std::optional<Provenance> calibration = readProvenance(keys);
   faults.throwIfAny();
@@ -103,6 +118,7 @@ Scene makeScene(const Value& document, FaultList& faults) {
   }
   scene.X_WB = arm->X_WB;
   scene.planar = std::move(arm->planar);
+  scene.dynamics = dynamics;
   scene.looks = std::move(arm->looks);
   scene.regulator = std::move(regulator);
   if (tags) {

@@ -153,6 +153,9 @@ std::optional<regulator::Config> readRegulator(const MapReader& scene, const Arm
 SafetyConfig readSafety(const MapReader& scene, const ArmParts* arm,
                         const std::optional<regulator::Config>& regulator);
 
+/// Reads `dynamics`.
+dynamics::MotionConfig readDynamics(const MapReader& scene);
+
 /// Reads `follow`.
 /// @param safety  tells the regulator's lag.
 follow::VisualServoConfig readFollow(const MapReader& scene, const SafetyConfig& safety,
