@@ -107,7 +107,7 @@ StandFit refused(std::string reason) {
   return out;
 }
 
-// What of the readings no law can be fitted to; empty if nothing.
+// The reading that no law can be fitted to, as a reason; empty if none.
 std::string faultOf(const std::vector<StandReading>& readings, double most) {
   double shortest = readings.front().length, longest = shortest;
   for (const StandReading& one : readings) {

@@ -164,7 +164,7 @@ int runTip(const PayloadArguments& arguments, const GlobalOptions& global, const
 
 // ---- payload --map ------------------------------------------------------------------------------
 
-// What each of many places carries downwards.
+// Many places, and what each carries downwards.
 struct PayloadMap {
   Eigen::MatrixX3d tips;
   std::vector<Payload> found;  // one for each

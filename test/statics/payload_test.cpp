@@ -372,6 +372,18 @@ Load pushedAtTip(const ArmModel& model, const Eigen::Vector3d& force) {
   return load;
 }
 
+// The exact tier has a stable shape under the force, with the tip at its place.
+void expectHeldExactly(const PayloadSolver& solver, const Payload& found,
+                       const Eigen::Vector3d& direction, const Eigen::Vector3d& tip, int number) {
+  const Tip held =
+      ArmModel(solver.model().arm(), std::nullopt,
+               pushedAtTip(solver.model(), found.force * direction), TierSetting{Tier::kExact, 0})
+          .tip(found.input);
+  EXPECT_TRUE(held.converged()) << "case " << number << ", " << nameOf(found.end);
+  EXPECT_LT((held.tip.translation - tip).norm(), 1.02 * solver.positionTolerance())
+      << "case " << number << ", " << nameOf(found.end);
+}
+
 // Largest force by bisection over grids of pressures.
 double payloadByGrid(const ArmModel& model, const Eigen::Vector3d& tip,
                      const Eigen::Vector3d& direction, double tolerance, double start, int points) {
@@ -419,12 +431,13 @@ TEST(Payload, IsWithinOnePercentOfBruteForce) {
     const double expected = payloadByGrid(model, place.tip.translation, direction,
                                           solver.positionTolerance(), found.force, planar ? 15 : 9);
     ++counted;
-    // A grid may miss a narrow range of stable shapes; what is held is checked below.
     EXPECT_GT(found.force, 0.99 * expected) << "case " << number << ", " << nameOf(found.end);
+    // A grid may miss a narrow range of stable shapes.
+    expectHeldExactly(solver, found, direction, place.tip.translation, number);
     within += found.force < 1.01 * expected;
   }
   EXPECT_GT(counted, 0.8 * cases);
-  EXPECT_GE(within, test::leastOf(counted, 0.95));
+  EXPECT_GE(within, test::leastOf(counted, 0.9));
 }
 
 // The exact tier confirms what is held; the inverse from all its starts holds no more; the named
@@ -444,13 +457,7 @@ TEST(Payload, IsHeldInTheExactTierAndNoMoreIsByTheInverse) {
     const Payload found = solver.along(direction);
     if (found.end == PayloadEnd::kUnreached) continue;
     const std::string which = "case " + std::to_string(number) + ", " + nameOf(found.end);
-    const Tip held = ArmModel(arm, std::nullopt, pushedAtTip(model, found.force * direction),
-                              TierSetting{Tier::kExact, 0})
-                         .tip(found.input);
-    EXPECT_TRUE(held.converged()) << which;
-    EXPECT_LT((held.tip.translation - place.tip.translation).norm(),
-              1.02 * solver.positionTolerance())
-        << which;
+    expectHeldExactly(solver, found, direction, place.tip.translation, number);
     InverseOptions options;
     options.position_tolerance = solver.positionTolerance();
     InverseSolver inverse(loadedModel(arm, pushedAtTip(model, 1.05 * found.force * direction)),

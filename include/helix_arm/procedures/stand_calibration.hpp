@@ -24,7 +24,7 @@ StandData loadStand(const std::vector<std::string>& paths);
 /// @throws std::invalid_argument naming the curves, or the missing K_eps.
 estimation::StandLaw standLawOf(const io::Scene& scene, const std::string& contraction);
 
-/// What of the scene is replaced, and by which number of muscles in parallel it was measured.
+/// The replaced part of the scene, and by which number of muscles in parallel it was measured.
 struct StandRequest {
   std::string contraction;  ///< name of the curve; empty if the arm has one
   int muscles = 1;

@@ -9,7 +9,7 @@
 
 namespace helix_arm::statics {
 
-/// What counts as held, and what else acts on the tip.
+/// The rule for a held place, and other loads on the tip.
 struct PayloadOptions {
   /// Distance from the place up to which the tip counts as there, as a fraction of the arm's rest
   /// length, > 0.
@@ -17,7 +17,7 @@ struct PayloadOptions {
   Eigen::Vector3d moment = Eigen::Vector3d::Zero();  ///< on the tip, base frame [N m]
 };
 
-/// What ends the growth of the force.
+/// The end of the growth of the force.
 enum class PayloadEnd {
   kLimits,      ///< actuators at their limits
   kUnstable,    ///< no stable shape balances a larger force

@@ -68,7 +68,7 @@ std::vector<std::vector<Place>> placesOf(const model::Shape& shape, const Load& 
     const SE3& start = starts[static_cast<std::size_t>(j)];
     const auto poseAt = [&](double s) { return start * SE3::exp((s - begin) * pieces * g); };
     const Eigen::Vector3d weight = load.mass[static_cast<std::size_t>(section)] * load.gravity;
-    // What this piece adds to the wrench beyond s.
+    // The wrench beyond s with that of this piece.
     const auto withPiece = [&](double s, bool also_at) {
       Wrench sum = beyond;
       for (const PointLoad& point : load.points) {
