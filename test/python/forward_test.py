@@ -1,5 +1,5 @@
-"""Pressures to shapes: against the model written in NumPy, the layouts of arrays, and threads. Inverse, curve, Jacobian and
-workspace: each against the forward model."""
+"""Pressures to shapes: against the model written in NumPy, the layouts of arrays, and threads. Inverse, curve, Jacobian,
+motion and workspace: each against the forward model."""
 import itertools
 import os
 import pathlib
@@ -281,6 +281,41 @@ class PayloadTest(unittest.TestCase):
         self.assertFalse(pushed.attainable.any())
         self.assertTrue((pushed.active_limits == 1).any())
         self.assertEqual(free.attain(shapes[0]).pressures_pa.shape, (3,))
+
+
+class MotionTest(unittest.TestCase):
+    def setUp(self):
+        damping = {"stretch": 0.02, "shear": 0.02, "twist": 0.02, "bend": 0.02}
+        self.scene = helix_arm.Scene.load("loaded", {"dynamics.damping_s": damping})
+        self.times = np.linspace(0, 2, 21)
+        self.pressures = pressures_of(self.scene, 4)[:, None] * np.minimum(self.times, 0.5)[None, :, None]
+
+    def test_ends_at_rest_under_its_load(self):
+        moved = self.scene.motion(self.pressures, self.times, order=2, threads=0)
+        self.assertEqual(moved.tips.shape, (4, 21, 3))
+        at_rest = self.scene.forward(self.pressures[:, -1])
+        np.testing.assert_allclose(moved.tips[:, -1], at_rest.tips, atol=2e-4)
+        np.testing.assert_allclose(moved.quaternions_xyzw[:, -1], at_rest.quaternions_xyzw, atol=2e-3)
+        energy = moved.energy_j
+        parts = energy["kinetic"] + energy["elastic"] + energy["potential"] + energy["dissipated"]
+        np.testing.assert_allclose(parts, energy["work"], rtol=1e-6)
+
+    def test_a_rollout_is_that_of_its_batch(self):
+        batch = self.scene.motion(self.pressures, self.times, start="straight", threads=2)
+        alone = self.scene.motion(self.pressures[1], self.times, start="straight")
+        np.testing.assert_array_equal(alone.tips, batch.tips[1])
+        self.assertEqual(alone.steps, batch.steps[1])
+
+    def test_names_what_is_wrong(self):
+        for message, scene, pressures, times, options in [
+                ("row 2 of the inputs", self.scene, self.pressures[0], -self.times, {}),
+                (r"expected \(21, 3\) or \(rollouts, 21, 3\)", self.scene, self.pressures[0, :, :2], self.times, {}),
+                ("motion needs load.mass_kg", helix_arm.Scene.load("helical_50"), self.pressures[0], self.times, {}),
+                ("expected rest or straight", self.scene, self.pressures[0], self.times, {"start": "moving"}),
+                ("order is 9", self.scene, self.pressures[0], self.times, {"order": 9}),
+                ("its limits", self.scene, 10 * self.pressures[0], self.times, {})]:
+            with self.subTest(message), self.assertRaisesRegex(ValueError, message):
+                scene.motion(pressures, times, **options)
 
 
 class WorkspaceTest(unittest.TestCase):
