@@ -10,8 +10,9 @@ set(below_statics/exact "${below_statics/loaded}|statics/loaded")
 set(below_statics/tiers "${below_statics/exact}|statics/exact")
 set(below_statics/inverse "${below_statics/tiers}|statics/tiers")
 set(below_statics/workspace "${below_statics/inverse}|statics/inverse")
+set(below_statics/payload "${below_statics/workspace}")
 set(below_dynamics "${below_statics/workspace}|statics/workspace")
-set(below_control "${below_statics/workspace}|statics/workspace")
+set(below_control "${below_statics/workspace}|statics/workspace|statics/payload")
 set(below_response "${below_control}|control")
 set(below_localization "${below_control}|control")
 set(below_calibration "${below_localization}|localization")
@@ -37,7 +38,7 @@ set(below_nodes "ros_bridge|ros_bridge/pressure|ros_bridge/follow|ros_bridge/vis
 set(below_cli "${below_procedures}|procedures|bag")
 set(below_python "${below_procedures}|procedures|bag")
 
-foreach(layer basics lie model statics/loaded statics/exact statics/tiers statics/inverse statics/workspace dynamics control response localization
+foreach(layer basics lie model statics/loaded statics/exact statics/tiers statics/inverse statics/workspace statics/payload dynamics control response localization
     calibration tracking follow io/data procedures)
   set(others_${layer} "Eigen")
 endforeach()
@@ -53,7 +54,7 @@ set(others_ros_bridge "")
 set(others_bag "Eigen|nlohmann")
 set(others_rviz_panel "rviz|pluginlib")  # and Qt, whose headers have no folder
 
-set(layers basics lie model statics/loaded statics/exact statics/tiers statics/inverse statics/workspace dynamics control response localization
+set(layers basics lie model statics/loaded statics/exact statics/tiers statics/inverse statics/workspace statics/payload dynamics control response localization
   calibration tracking follow vision regulator simulation io/document io/scene io/data procedures bag ros_bridge nodes cli python rviz_panel)
 foreach(package common pressure vision cockpit follow tools)
   list(APPEND layers ros_bridge/${package})
@@ -65,7 +66,7 @@ set(home_io/load_arm io/scene)
 set(home_io/scene io/scene)
 set(home_io/provenance io/scene)
 set(home_io/regulator_profile io/scene)
-foreach(folder statics/loaded statics/exact statics/tiers statics/inverse statics/workspace io/document io/scene io/data)
+foreach(folder statics/loaded statics/exact statics/tiers statics/inverse statics/workspace statics/payload io/document io/scene io/data)
   get_filename_component(parent ${folder} DIRECTORY)
   file(GLOB sources ${ROOT}/src/${folder}/*.cpp)
   foreach(source IN LISTS sources)

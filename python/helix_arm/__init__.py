@@ -8,9 +8,10 @@ Needs neither ROS nor a master. The messages of the nodes are in helix_arm.msg (
 need the Python packages of ROS.
 """
 from helix_arm._core import DocumentError, version as __version__
-from helix_arm.results import (Alarm, Budget, Calibration, Combination, Contraction, Curve, Evaluation, Fit, FollowRun, Forward, Inverse,
-                               Jacobian, Motion, Parameter, Sight, Workspace)
+from helix_arm.results import (Alarm, Attainment, Budget, Calibration, Combination, Contraction, Curve, Evaluation, Fit, FollowRun,
+                               Forward, Inverse, Jacobian, Motion, Parameter, Payload, Sight, Workspace)
 from helix_arm.scene import Scene, shipped_scenes
 
-__all__ = ["Alarm", "Budget", "Calibration", "Combination", "Contraction", "Curve", "DocumentError", "Evaluation", "Fit", "FollowRun",
-           "Forward", "Inverse", "Jacobian", "Motion", "Parameter", "Scene", "Sight", "Workspace", "__version__", "shipped_scenes"]
+__all__ = ["Alarm", "Attainment", "Budget", "Calibration", "Combination", "Contraction", "Curve", "DocumentError", "Evaluation", "Fit",
+           "FollowRun", "Forward", "Inverse", "Jacobian", "Motion", "Parameter", "Payload", "Scene", "Sight", "Workspace", "__version__",
+           "shipped_scenes"]

@@ -120,6 +120,34 @@ class Jacobian(Result):
 
 
 @dataclasses.dataclass(frozen=True)
+class Payload(Result):
+    """The largest forces at N places of the tip in D directions. NaN where the tip is not reached without the force; the stiffness
+    also at the edge of buckling."""
+
+    directions: np.ndarray  #: (D, 3) unit vectors, base frame
+    forces_n: np.ndarray  #: (N, D) [N]
+    ends: np.ndarray  #: (N, D) "limits", "unstable", "unactuated" (no actuator acts against it), "unreached" or "none" (none found)
+    limits: np.ndarray  #: (N, D, n) limits that end it: -1 lower, 1 upper, 0 none
+    stiffness_n_per_m: np.ndarray  #: (N, D) force per motion of the tip along it, under the largest force [N/m]
+    pressures_pa: np.ndarray  #: (N, D, n) that hold it [Pa]; of tendons, angles [rad]
+    reached: Flags  #: (N,) whether the tip gets there without the force
+
+
+@dataclasses.dataclass(frozen=True)
+class Attainment(Result):
+    """Whether N shapes can be held under loads."""
+
+    attainable: Flags  #: (N,) whether the residual is within the tolerance
+    pressures_pa: np.ndarray  #: (N, n) that hold the shape, or come closest [Pa]; of tendons, angles [rad]
+    missing_force_n: np.ndarray  #: (N, 3) where most is missing, frame of the base curve there [N]
+    missing_moment_nm: np.ndarray  #: (N, 3) likewise [N m]
+    missing_s: Union[float, np.ndarray]  #: (N,) there, in [k, k + 1] along section k
+    residual_n: Union[float, np.ndarray]  #: (N,) root mean square over s, as the force along the arm with the same energy [N]
+    active_limits: np.ndarray  #: (N, n) limits without which less would be missing: -1 lower, 1 upper, 0 none
+    largest_force_n: float  #: that a section can make [N]
+
+
+@dataclasses.dataclass(frozen=True)
 class Workspace(Result):
     """Tips at pressures drawn uniformly within the limits."""
 

@@ -196,6 +196,49 @@ class Scene(_core.Scene):
         names = [f"{part}_by_{word}" for word in known for part in ["tip", "twists"]]
         return results.Jacobian(converged=converged, **dict(zip(names, found)))
 
+    def payload(self, tip: Numbers, directions: Optional[Numbers] = None, *, moment: Numbers = (0.0, 0.0, 0.0),
+                tolerance: float = 0.01, threads: int = 1) -> results.Payload:
+        """The largest forces that the tip carries at places, in D directions, base frame.
+
+        tip: (3,) or (N, 3) [m]. directions: (3,) or (D, 3), of any length; default: 26. moment: also acts on the tip [N m].
+        tolerance: distance up to which the tip counts as there, as a fraction of the arm's length. threads: of a batch; 0 for
+        all cores. The scene's load acts, too. Raises ValueError for an arm without K_eps_n.
+        """
+        ways = _core.array([[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z]
+                           if directions is None else directions, "directions")
+        require(ways.ndim in (1, 2) and ways.shape[-1] == 3, f"directions has shape {ways.shape}; expected (3,) or (D, 3)")
+        ways = ways.reshape(-1, 3)
+        lengths = np.linalg.norm(ways, axis=1, keepdims=True)
+        require(bool(len(ways)) and bool((lengths > 0).all()), "directions is empty, or one is 0; expected other vectors")
+        turn, = arguments.rows(moment, "moment", 3, most=1)
+        found = self._payload(tip, ways / lengths, turn.tolist(), arguments.number(tolerance, "tolerance"),
+                              arguments.threads(threads))
+        ends = np.array(["limits", "unstable", "unactuated", "unreached", "none"])[found.pop("ends")]
+        return results.Payload(directions=ways / lengths, ends=ends, **found)
+
+    def attain(self, twists: Numbers, force: Optional[Numbers] = None, moment: Optional[Numbers] = None, *,
+               tolerance: float = 0.01, threads: int = 1) -> results.Attainment:
+        """Whether the arm can hold shapes under loads, and what is missing.
+
+        twists: (sections, 6) or (N, sections, 6), v [m] and w [rad]; or of m pieces of each section, (m sections, 6) and so on.
+        force, moment: (4,) or (N, 4): s, which runs over [k, k + 1] along section k and whose end is the tip, and x, y, z, base
+        frame [N], [N m]. The scene's load acts, too. tolerance: residual up to which a shape counts as attainable, as a fraction of
+        largest_force_n. threads: of a batch; 0 for all cores. Raises ValueError for an arm without K_eps_n.
+        """
+        shapes = _core.array(twists, "twists")
+        fits = shapes.ndim in (2, 3) and shapes.shape[-1] == 6 and shapes.shape[-2] > 0 and shapes.shape[-2] % self.sections == 0
+        require(fits, f"twists has shape {shapes.shape}; expected ({self.sections}, 6) or (N, {self.sections}, 6), or a multiple "
+                "of these rows for pieces")
+        loads = [np.array([[float(self.sections), 0.0, 0.0, 0.0]]) if one is None else arguments.rows(one, name, 4, 1, 10**9)
+                 for one, name in [(force, "force"), (moment, "moment")]]
+        most = max(len(one) for one in loads)
+        for one, name in zip(loads, ["force", "moment"]):
+            require(len(one) in (1, most), f"{name} has {len(one)} rows; expected one, or {most}")
+        rows = np.hstack([np.broadcast_to(one, (most, 4)) for one in loads])
+        return results.Attainment(**self._attain(
+            shapes.reshape(*shapes.shape[:-2], 6 * shapes.shape[-2]), shapes.shape[-2] // self.sections, rows,
+            arguments.number(tolerance, "tolerance"), arguments.threads(threads)))
+
     def workspace(self, points: int = 100_000, *, seed: int = 1, sensitivity: bool = False, extremes: bool = False,
                   threads: int = 0) -> results.Workspace:
         """Reachable tips, at pressures drawn uniformly within the limits.

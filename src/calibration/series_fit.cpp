@@ -15,9 +15,10 @@
 namespace helix_arm::estimation {
 namespace {
 
-constexpr Eigen::Index kMostRows = 5000;  // that are compared
-constexpr Eigen::Index kLeastRows = 50;   // with a position
-constexpr double kReached = 0.9;          // of a curve's range of pressures, by the series
+constexpr Eigen::Index kMostRows = 5000;     // that are compared
+constexpr std::size_t kMostChoosing = 1200;  // that choices of parts, and fits without a block, use
+constexpr Eigen::Index kLeastRows = 50;      // with a position
+constexpr double kReached = 0.9;             // of a curve's range of pressures, by the series
 constexpr double kLeastMotion = 0.002, kMostMotion = 20.0;  // of the tip, RMS, of the arm's length
 constexpr int kRounds = 3;                                  // of noise and fit
 constexpr int kMostRounds = 3;                              // of choices
@@ -35,6 +36,12 @@ constexpr std::size_t kCoarse = 5;    // one row in so many for a choice of the 
 // error.
 constexpr double kRival = 2.0, kNearTurn = 0.3, kNearPlace = 0.2, kSceneBase = 0.05, kFarBase = 0.1;
 constexpr std::size_t kMostRivals = 5;
+// Error of the arm whose actuators follow each other in the other sense, from which on it is named:
+// of the scene's.
+constexpr double kOther = 0.8;
+constexpr char kOtherSense[] =
+    "they show that the actuators follow each other around the arm in the other sense than in the "
+    "scene: exchange two of its hoses or columns, or their places in the scene";
 // Orientations take part that leave the positions as near as without them, by this factor and 1 %
 // of the arm's length, and that the tip explains but for this part of their motion.
 constexpr double kMostLoss = 1.5, kUsualError = 0.01, kMostUnexplained = 0.5;
@@ -72,13 +79,20 @@ class SeriesJob {
         recording_(recording),
         options_(options),
         X_FB_(prior.X_BF.inverse()),
-        blocks_(recording.trial_at, recording.trials) {}
+        blocks_(recording.trial_at, recording.trials),
+        few_(everyNth((recording.used.size() + kMostChoosing - 1) / kMostChoosing)) {}
 
   SeriesFit run() {
     SeriesFit out;
     if (options_.arm.base) chooseBase(out);
     Fitted best = withAllParts();
     dropParts(best, out);
+    const std::vector<bool> all(few_.size(), true);
+    if (few_ != all) {
+      const Fitted whole = fitted(best.form, best.problem->named(best.at.z), all);
+      best.problem = whole.problem;
+      best.at = whole.at;
+    }
     report(best, out);
     return out;
   }
@@ -111,11 +125,20 @@ class SeriesJob {
     return out;
   }
 
-  Fitted fitted(const SeriesForm& form, const std::map<std::string, double>& known) const {
+  std::vector<bool> everyNth(std::size_t n) const {
+    std::vector<bool> out(recording_.used.size());
+    for (std::size_t k = 0; k < out.size(); k += n) out[k] = true;
+    return out;
+  }
+
+  // @param rows  (used) which take part.
+  Fitted fitted(const SeriesForm& form, const std::map<std::string, double>& known,
+                const std::vector<bool>& rows) const {
     Fitted out;
     out.form = form;
     out.problem = std::make_shared<SeriesProblem>(prior_, recording_, options_, form, X_FB_);
     SeriesProblem& problem = *out.problem;
+    problem.take(rows);
     out.at = bestStart(problem, known);
     for (int round = 0; round < kRounds; ++round) {
       out.at = basics::descend(problem, problem.at(out.at.z), round == 0 ? kBrief : kWhole).at;
@@ -131,8 +154,9 @@ class SeriesJob {
   void setVariance(const Eigen::MatrixXd& about, double readings_per_number,
                    SeriesProblem& problem) const {
     const double readings = readings_per_number * static_cast<double>(problem.size());
-    problem.setVariance(varianceOf(about) *
-                        std::max(static_cast<double>(about.size()) / readings, 1.0));
+    problem.setVariance(
+        varianceOf(about) *
+        std::max(static_cast<double>(problem.rowsTaken() * about.cols()) / readings, 1.0));
   }
   static double varianceOf(const Eigen::MatrixXd& about) {
     return std::max(about.squaredNorm() / static_cast<double>(about.size()),
@@ -166,7 +190,7 @@ class SeriesJob {
     for (int block = 0; block < blocks_.count; ++block) {
       std::vector<bool> in, out;
       for (const int one : blocks_.of) {
-        in.push_back(one != block);
+        in.push_back(one != block && few_[in.size()]);
         out.push_back(one == block);
       }
       problem.take(in);
@@ -185,6 +209,10 @@ class SeriesJob {
     if (options_.arm.stroke_scale) out.emplace_back("strokes", &SeriesForm::strokes);
     if (options_.arm.length_scale == LengthScaling::kEach) {
       out.emplace_back("length scales", &SeriesForm::scales);
+    }
+    if (options_.phases) out.emplace_back("phases", &SeriesForm::phases);
+    if (recording_.lever > 0 && options_.arm.base) {
+      out.emplace_back("place of the body", &SeriesForm::body);
     }
     if (mayGrow()) {
       out.emplace_back("K_kappa against pressure", &SeriesForm::growth);
@@ -205,12 +233,12 @@ class SeriesJob {
 
   // With K_kappa against the pressure that predicts what is left out better.
   Fitted withAllParts() const {
-    Fitted best = fitted(wholeForm(), {});
+    Fitted best = fitted(wholeForm(), {}, few_);
     leaveOut(best);
     if (!mayGrow()) return best;
     SeriesForm form = best.form;
     std::swap(form.growth, form.others);
-    Fitted mean = fitted(form, {});
+    Fitted mean = fitted(form, {}, few_);
     leaveOut(mean);
     return mean.about.log().mean() < best.about.log().mean() ? mean : best;
   }
@@ -226,7 +254,7 @@ class SeriesJob {
       if (!(best.form.*part)) continue;
       SeriesForm form = best.form;
       form.*part = false;
-      Fitted without = fitted(form, best.problem->named(best.at.z));
+      Fitted without = fitted(form, best.problem->named(best.at.z), few_);
       leaveOut(without);
       const Eigen::ArrayXd gain = (without.about / best.about).log();
       const double whole = (without.held_out / best.held_out).log().sum();
@@ -262,8 +290,7 @@ class SeriesJob {
   };
   Rough roughFit(const lie::SE3& X_FB, const SeriesForm& form) const {
     SeriesProblem problem(prior_, recording_, options_, form, X_FB);
-    std::vector<bool> few(recording_.used.size());
-    for (std::size_t k = 0; k < few.size(); k += kCoarse) few[k] = true;
+    const std::vector<bool> few = everyNth(kCoarse);
     problem.take(few);
     SeriesEstimate found = basics::descend(problem, bestStart(problem, {}), kBrief).at;
     Eigen::MatrixXd about = recording_.aboutOffsets(problem.deviationAt(found.z));
@@ -359,7 +386,7 @@ class SeriesJob {
     if (arm.length_scale != LengthScaling::kNone) out.length_scale = now.scale;
     if (arm.stroke_scale) out.stroke_scale = now.stroke;
     if (options_.ring_radius) out.ring_radius = now.radius;
-    if (options_.ring_phase) out.ring_phase = now.phase;
+    if (options_.ring_phase || fit.form.phases) out.ring_phase = phasesOf(now);
     if (recording_.lever > 0 && arm.rotation_noise == 0) {
       out.rules.push_back(basics::messageOf(
           "orientation: 1 deg counts as ", 1e3 * recording_.lever * M_PI / 180,
@@ -378,6 +405,7 @@ class SeriesJob {
     }
     out.X_BF = now.places.X_FB.inverse();
     if (recording_.lever > 0) out.R_TM = now.places.R_TM;
+    if (fit.form.body) out.p_TM = now.places.p_TM;
     out.beam = now.places.beam;
     if (now.response) out.response = *now.response;
     const Eigen::MatrixXd deviation = problem.deviationAt(fit.at.z);
@@ -390,6 +418,17 @@ class SeriesJob {
     out.held_out_rms = std::sqrt(fit.held_out.square().mean());
     out.baseline_rms = cubicError(recording_.series);
     out.baseline_held_out_rms = cubicHeldOutError(recording_.series);
+  }
+
+  // (actuators) turn of each about the arm [rad].
+  static Eigen::VectorXd phasesOf(const SeriesModel& now) {
+    const model::Arm& arm = now.model.arm();
+    Eigen::VectorXd out = now.own_phase;
+    for (int k = 0; k < arm.sectionCount(); ++k) {
+      const int first = arm.firstActuator(k);
+      out.segment(first, arm.firstActuator(k + 1) - first).array() += now.phase[k];
+    }
+    return out;
   }
 
   void reportNumbers(const Fitted& fit, const SeriesModel& now, SeriesFit& out) const {
@@ -436,7 +475,8 @@ class SeriesJob {
   const SeriesRecording& recording_;
   const SeriesOptions& options_;
   lie::SE3 X_FB_;
-  const Blocks blocks_;  // of the used rows
+  const Blocks blocks_;          // of the used rows
+  const std::vector<bool> few_;  // (used) that choices use
 };
 
 // Why a curve cannot be fitted: beyond the pressures of the series it would be a guess.
@@ -526,7 +566,17 @@ SeriesPrior mirrored(const SeriesPrior& prior) {
   }
   return {statics::ArmModel(model::Arm(std::move(sections), arm.tool()), std::nullopt,
                             prior.model.load(), prior.model.choice().setting),
-          prior.X_BF, prior.R_TM, prior.beam};
+          prior.X_BF, prior.R_TM, prior.p_TM, prior.beam};
+}
+
+// Whether positions alone, whose base is found from them, show that the actuators follow each other
+// around the arm in the other sense.
+bool showOtherSense(const SeriesPrior& prior, const SeriesRecording& recording,
+                    const SeriesOptions& options) {
+  const bool is_planar = prior.model.choice().setting.tier == statics::Tier::kPlanar;
+  if (is_planar || !options.arm.base) return false;
+  const double error = SeriesJob(prior, recording, options).motion().error;
+  return SeriesJob(mirrored(prior), recording, options).motion().error < kOther * error;
 }
 
 // Mistake that orientations look like if they contradict the positions; empty if both are of one
@@ -548,10 +598,7 @@ std::string contradictionOf(const SeriesPrior& prior, const SeriesRecording& rec
            "remove that key to find its rotation anew";
   }
   const bool is_planar = prior.model.choice().setting.tier == statics::Tier::kPlanar;
-  if (!is_planar && explains(mirrored(prior))) {
-    return "they show that the actuators follow each other around the arm in the other sense than "
-           "in the scene: exchange two of its hoses or columns, or their places in the scene";
-  }
+  if (!is_planar && explains(mirrored(prior))) return kOtherSense;
   return faultOfOrientations(free.R_FT, seen);
 }
 
@@ -570,6 +617,9 @@ SeriesFit fitSeries(const SeriesPrior& prior, const TipSeries& series,
   if (!fault.empty()) recording.lever = 0;
   SeriesFit out = SeriesJob(prior, recording, options).run();
   out.orientation_fault = fault;
+  if (recording.lever == 0 && fault.empty() && showOtherSense(prior, recording, options)) {
+    out.order_fault = kOtherSense;
+  }
   return out;
 }
 

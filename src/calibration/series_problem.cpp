@@ -31,12 +31,14 @@ constexpr double kDifference = 1e-5;
 constexpr double kLongestStep = 0.5;  // of a number z
 // Standard deviations: logs of a factor of a slope and from piece to piece, of times, logits.
 constexpr double kSlopePrior = 1.1, kBendPrior = 0.5, kTimePrior = 2.0, kWeightPrior = 1.5;
-constexpr double kGrowthPrior = 1.0;  // of the log of the ratio of two K_kappa
-constexpr double kOthersPrior = 2.5;  // likewise: a chamber alone may hardly resist
-constexpr double kRadiusPrior = 0.2;  // of its log
-constexpr double kBasePrior = 0.5;    // of its place, of the arm's length
-constexpr double kBodyPrior = M_PI;   // of its rotation: none is known [rad]
-constexpr double kBeamPrior = 0.1;    // of its direction, against x of the tip [rad]
+constexpr double kGrowthPrior = 1.0;      // of the log of the ratio of two K_kappa
+constexpr double kOthersPrior = 2.5;      // likewise: a chamber alone may hardly resist
+constexpr double kRadiusPrior = 0.2;      // of its log
+constexpr double kPhasePrior = 0.5;       // of an actuator in its ring [rad]
+constexpr double kBasePrior = 0.5;        // of its place, of the arm's length
+constexpr double kBodyPlacePrior = 0.25;  // of the arm's length
+constexpr double kBodyPrior = M_PI;       // of its rotation: none is known [rad]
+constexpr double kBeamPrior = 0.1;        // of its direction, against x of the tip [rad]
 
 bool readsPressures(const statics::ArmModel& model) {
   return statics::readsInputs(model.arm(), model.load() ? &*model.load() : nullptr);
@@ -78,8 +80,7 @@ void setModel(SeriesModel& out) {
   const model::Arm& arm = out.model.arm();
   std::vector<model::Section> sections(static_cast<std::size_t>(arm.sectionCount()));
   for (int k = 0; k < arm.sectionCount(); ++k) {
-    const Eigen::Matrix3d turn =
-        Eigen::AngleAxisd(out.phase[k], Eigen::Vector3d::UnitX()).toRotationMatrix();
+    Eigen::Matrix3d turn;
     const auto move = [&](lie::SE3& X) {
       X.rotation = turn * X.rotation;
       X.translation = turn * X.translation;
@@ -90,6 +91,7 @@ void setModel(SeriesModel& out) {
     section.bending = out.bending.empty() ? arm.bending(k) : out.bending;
     for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
       model::Actuator& actuator = section.actuators.emplace_back(arm.actuator(i));
+      turn = Eigen::AngleAxisd(out.phase[k] + out.own_phase[i], Eigen::Vector3d::UnitX());
       move(actuator.X_O);
       for (lie::SE3& X : actuator.taper) move(X);
       actuator.contraction =
@@ -236,7 +238,7 @@ double leverOf(const SeriesPrior& prior, const SeriesOptions& options) {
 }
 
 Eigen::Vector3d SeriesPlaces::pointOf(const lie::SE3& X_FT) const {
-  if (!beam) return X_FT.translation;
+  if (!beam) return X_FT * p_TM;
   const Eigen::Vector3d along =
       X_FT.rotation *
       (Eigen::AngleAxisd((*beam)[0], Eigen::Vector3d::UnitY()) *
@@ -328,7 +330,7 @@ SeriesProblem::SeriesProblem(const SeriesPrior& prior, const SeriesRecording& re
       recording_(recording),
       options_(options),
       form_(form),
-      places_{X_FB, prior.R_TM.value_or(Eigen::Matrix3d::Identity()), prior.beam},
+      places_{X_FB, prior.R_TM.value_or(Eigen::Matrix3d::Identity()), prior.p_TM, prior.beam},
       takes_part_(recording.used.size(), true),
       variance_(kFirstCorrelation * std::pow(kFirstNoise * prior.model.arm().restLength(), 2)) {
   addArm();
@@ -336,6 +338,12 @@ SeriesProblem::SeriesProblem(const SeriesPrior& prior, const SeriesRecording& re
   addPlaces();
   addResponse();
   if (recording.lever > 0 && !prior.R_TM) addBody();
+  for (int i = 0; form_.body && i < 3; ++i) {
+    add({SeriesNumber::kBodyPlace, SeriesNumber::kItself, std::string("body_") + "xyz"[i], "m",
+         kBodyPlacePrior * prior.model.arm().restLength(),
+         [i](SeriesModel& m) -> double& { return m.shift[i]; },
+         "place of the body and the shape at rest"});
+  }
   if (options.arm.base && prior.beam) addBeam();
 }
 
@@ -409,6 +417,7 @@ void SeriesProblem::addPlaces() {
          arm.base_prior.rotation, [k](SeriesModel& m) -> double& { return m.phase[k]; },
          "phase of a ring, of which only actuators that move tell"});
   }
+  if (form_.phases) addPhases();
   static const char* const kEntries[] = {"x", "y", "z", "rx", "ry", "rz"};
   for (int i = 0; arm.base && i < 6; ++i) {
     const bool turn = i >= 3;
@@ -418,6 +427,23 @@ void SeriesProblem::addPlaces() {
          [i](SeriesModel& m) -> double& { return m.motion[i]; },
          i == 3 ? "a turn of the base about the arm's axis and the directions of its actuators"
                 : "pose of the base, bend and length of the arm at rest"});
+  }
+}
+
+// Angles of the actuators that move, but for the first one of each section, which the ring's phase
+// has.
+void SeriesProblem::addPhases() {
+  const model::Arm& arm = prior_.model.arm();
+  for (int k = 0; k < arm.sectionCount(); ++k) {
+    bool is_first = true;
+    for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
+      if (!recording_.moves(i)) continue;
+      if (!std::exchange(is_first, false)) {
+        add({SeriesNumber::kArm, SeriesNumber::kItself, "phase_" + std::to_string(i + 1), "rad",
+             kPhasePrior, [i](SeriesModel& m) -> double& { return m.own_phase[i]; },
+             "angle of an actuator and scales of the others"});
+      }
+    }
   }
 }
 
@@ -488,6 +514,7 @@ SeriesModel SeriesProblem::decode(const Eigen::VectorXd& z) const {
   out.scale = out.stroke = Eigen::VectorXd::Ones(arm.actuatorCount());
   out.radius = Eigen::VectorXd::Ones(arm.sectionCount());
   out.phase = Eigen::VectorXd::Zero(arm.sectionCount());
+  out.own_phase = Eigen::VectorXd::Zero(arm.actuatorCount());
   for (const SeriesRecording::Curve& one : recording_.curves) {
     out.pieces.emplace_back(one.knots.size(), 1.0);
   }
@@ -507,10 +534,11 @@ SeriesModel SeriesProblem::decode(const Eigen::VectorXd& z) const {
   out.places = places_;
   out.places.X_FB = places_.X_FB * lie::SE3::exp(out.motion);
   out.places.R_TM = places_.R_TM * rotationOf(out.turn);
+  out.places.p_TM = places_.p_TM + out.shift;
   if (out.places.beam) *out.places.beam += out.beam;
   setContractions(out);
-  const bool changed =
-      options_.ring_radius || options_.ring_phase || form_.grows() || readsPressures(prior_.model);
+  const bool changed = options_.ring_radius || options_.ring_phase || form_.phases ||
+                       form_.grows() || readsPressures(prior_.model);
   if (out.sound && changed) setModel(out);
   return out;
 }
@@ -522,6 +550,9 @@ double SeriesProblem::valueOf(Eigen::Index k, SeriesModel now) const {
   }
   if (one.part == SeriesNumber::kBody) {
     return rotationVector(now.places.R_TM)[&one.entry(now) - now.turn.data()];
+  }
+  if (one.part == SeriesNumber::kBodyPlace) {
+    return now.places.p_TM[&one.entry(now) - now.shift.data()];
   }
   if (one.part == SeriesNumber::kBeam) {
     return (*now.places.beam)[&one.entry(now) - now.beam.data()];

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <functional>
 #include <map>
 #include <optional>
@@ -20,6 +21,7 @@ namespace helix_arm::estimation {
 struct SeriesPlaces {
   lie::SE3 X_FB;
   Eigen::Matrix3d R_TM = Eigen::Matrix3d::Identity();
+  Eigen::Vector3d p_TM = Eigen::Vector3d::Zero();
   std::optional<Eigen::Vector2d> beam = {};  ///< as SeriesPrior has it
 
   /// Point that is seen of a tip, in F [m]; NaN where the beam does not meet the plane.
@@ -48,6 +50,8 @@ class SeriesRecording {
                   double turn_weight);
 
   Eigen::Index rows() const { return measured.rows(); }
+  /// Whether the pressure of actuator i does.
+  bool moves(int i) const { return moves_[static_cast<std::size_t>(i)]; }
   /// Effective pressures (used x actuators) within the limits.
   Eigen::MatrixXd effective(const model::Arm& arm,
                             const std::optional<model::Response>& response) const;
@@ -103,6 +107,8 @@ double rmsOf(const Eigen::MatrixXd& deviation, const std::vector<bool>& rows);
 /// Which optional parts the model has.
 struct SeriesForm {
   bool lag = false, slow = false, play = false, scales = false, strokes = false;
+  bool body = false;                    ///< its place
+  bool phases = false;                  ///< of single actuators
   bool growth = false, others = false;  ///< of K_kappa, with which of BendingTable::Argument
 
   bool grows() const { return growth || others; }
@@ -115,14 +121,16 @@ struct SeriesModel {
   model::Stiffness stiffness{1, 1, 1};
   double K_eps = 1.0, growth = 1.0;  ///< of K_kappa, from one end of the limits to the other
   double common_scale = 1.0;
-  Eigen::VectorXd scale = {}, stroke = {};  ///< (actuators) of lengths
-  Eigen::VectorXd radius = {}, phase = {};  ///< (sections); phase: turns [rad]
+  Eigen::VectorXd scale = {}, stroke = {};     ///< (actuators) of lengths
+  Eigen::VectorXd radius = {};                 ///< (sections)
+  Eigen::VectorXd phase = {}, own_phase = {};  ///< (sections), (actuators) turns [rad]
   /// (curves, knots) length at rest, then the slopes
   std::vector<std::vector<double>> pieces = {};
-  lie::Vector6 motion = lie::Vector6::Zero();      ///< right-hand, of the base
-  Eigen::Vector3d turn = Eigen::Vector3d::Zero();  ///< right-hand, of the body
-  Eigen::Vector2d beam = Eigen::Vector2d::Zero();  ///< turns of it [rad]
-  std::optional<model::Response> response = {};    ///< absent: each actuator's own
+  lie::Vector6 motion = lie::Vector6::Zero();       ///< right-hand, of the base
+  Eigen::Vector3d turn = Eigen::Vector3d::Zero();   ///< right-hand, of the body
+  Eigen::Vector3d shift = Eigen::Vector3d::Zero();  ///< of the body [m]
+  Eigen::Vector2d beam = Eigen::Vector2d::Zero();   ///< turns of it [rad]
+  std::optional<model::Response> response = {};     ///< absent: each actuator's own
   // Quantities that follow from these.
   SeriesPlaces places = {};
   std::vector<std::vector<double>> lengths = {};     ///< (curves) at their knots, if fitted [m]
@@ -133,7 +141,7 @@ struct SeriesModel {
 
 /// A number of the fit: z, 0 at first.
 struct SeriesNumber {
-  enum Part { kArm, kCurve, kBase, kBody, kBeam, kResponse } part;
+  enum Part { kArm, kCurve, kBase, kBody, kBodyPlace, kBeam, kResponse } part;
   /// Its entry is start * exp(z), z itself, or the share of `most` with start's odds times exp(z).
   enum Law { kFactor, kItself, kShare } law;
   std::string name, unit;
@@ -164,6 +172,9 @@ class SeriesProblem {
 
   /// Which of the used rows count.
   void take(std::vector<bool> rows) { takes_part_ = std::move(rows); }
+  Eigen::Index rowsTaken() const {
+    return std::count(takes_part_.begin(), takes_part_.end(), true);
+  }
   /// Variance of a coordinate, with its correlation in time [m^2].
   void setVariance(double variance) { variance_ = variance; }
 
@@ -190,6 +201,7 @@ class SeriesProblem {
   void addArm();
   void addCurves();
   void addPlaces();
+  void addPhases();
   void addBody();
   void addBeam();
   void addResponse();

@@ -16,6 +16,7 @@
 #include "helix_arm/io/shipped_files.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/procedures/calibration_job.hpp"
+#include "helix_arm/procedures/stand_calibration.hpp"
 #include "measurements.hpp"
 #include "output.hpp"
 
@@ -136,6 +137,7 @@ struct CalibrateOptions {
   std::vector<std::string> data, also;
   procedures::CalibrationRequest request;
   bool verbose = false;
+  std::optional<int> muscles;  // on a testing machine
   double rest_offset_mm = 1e3 * request.rest_offset;
 };
 
@@ -347,10 +349,62 @@ json shownOf(const procedures::CalibrationOutcome& outcome, const json& report, 
   return shown;
 }
 
+// Curve and stiffness from a testing machine.
+int runStand(const CalibrateOptions& options, const GlobalOptions& global, const io::Scene& scene) {
+  std::vector<std::string> words = wordsOf(options.fit);
+  std::sort(words.begin(), words.end());
+  refuseIf(words != std::vector<std::string>{"K_eps", "contraction"},
+           "--muscles takes readings of a testing machine, which determine curve and stiffness "
+           "together; give --fit contraction,K_eps");
+  refuseIf(!options.also.empty() || !options.curve.empty() || options.branch != "both",
+           "--muscles excludes --also, --curve and --branch");
+  const procedures::StandOutcome outcome = procedures::calibrateStand(
+      options.scene, overridesOf(global),
+      {options.request.contraction, *options.muscles, procedures::utcNow()},
+      procedures::loadStand(options.data));
+  const estimation::StandFit& fit = outcome.fit;
+  json curve = json::array();
+  for (std::size_t k = 0; k < fit.pressures.size() && fit.law; ++k) {
+    const auto i = static_cast<Eigen::Index>(k);
+    curve.push_back({{"pressure_pa", fit.pressures[k]},
+                     {"length_m", fit.lengths[i]},
+                     {"length_error_m", fit.lengths_error[i]},
+                     {"K_eps_n", fit.K_eps[i]},
+                     {"K_eps_error_n", fit.K_eps_error[i]}});
+  }
+  const bool fitted = !outcome.scene_text.empty();
+  if (fitted && !options.out.empty()) io::writeFileAtomically(options.out, outcome.scene_text);
+  json report{{"scene", scene.name},
+              {"success", fitted},
+              {"reason", textOrNull(fit.reason)},
+              {"contraction", outcome.contraction},
+              {"muscles", *options.muscles},
+              {"rows", outcome.all.residual.size()},
+              {"rms_n", fitted ? json(fit.rms) : json()},
+              {"span_n", fitted ? json(outcome.all.span) : json()},
+              {"loop_n", toJson(outcome.all.loop)},
+              {"held_out",
+               {{"rms_n", fitted ? json(fit.held_out_rms) : json()},
+                {"parts", listJson(fit.held_out,
+                                   [](const auto& part) -> json {
+                                     return {{"part", part.first}, {"rms_n", part.second}};
+                                   })}}},
+              {"curve", curve},
+              {"out", fitted ? textOrNull(options.out) : json()}};
+  const json shown = options.verbose ? report : without(report, {"parts"});
+  printResult(global.format, report, shown, [&] {
+    printComments(report, {"rms_n", "span_n", "loop_n"});
+    return CsvTable(curve,
+                    {"pressure_pa", "length_m", "length_error_m", "K_eps_n", "K_eps_error_n"});
+  });
+  return fitted ? kDone : kNotPossible;
+}
+
 int run(const CalibrateOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadScene(options.scene, global);
   requirePressureDriven(scene);
   if (!options.out.empty()) requireOutputOfItsOwn(options);
+  if (options.muscles) return runStand(options, global, scene);
   procedures::CalibrationRequest request = options.request;
   request.fit = wordsOf(options.fit);
   if (!options.curve.empty()) {
@@ -388,6 +442,25 @@ void addVerdictOptions(CLI::App& command, CalibrateOptions& options) {
                    "in text, the error of each pressure and arm that was held out as well");
 }
 
+// Options for contraction curves.
+void addCurveOptions(CLI::App& command, CalibrateOptions& options) {
+  addOption(command, "--muscles", options.muscles,
+            "the data are of a testing machine with so many equal muscles in parallel, for --fit "
+            "contraction,K_eps",
+            CLI::Range(1, 1000));
+  addOption(
+      command, "--contraction", options.request.contraction,
+      "the scene's contraction curve that free lengths replace, needed if it has several; the only "
+      "one that a series of the tip changes, else all");
+  addOption(command, "--curve", options.curve,
+            "kind of contraction curve: spline (fitted to free lengths and captures together), "
+            "quintic or table (to free lengths alone); default spline with captures, else quintic",
+            CLI::IsMember(kCurveNames));
+  addOption(command, "--branch", options.branch,
+            "branch of the free lengths: both, rising or falling",
+            CLI::IsMember({"both", "rising", "falling"}), kShowDefault);
+}
+
 }  // namespace
 
 Subcommand addCalibrate(CLI::App& app) {
@@ -399,7 +472,9 @@ Subcommand addCalibrate(CLI::App& app) {
       "data sets (# comments, a header that names units, rows) of curvatures (pressure_1_kpa "
       ".., curvature_rad), tag poses (capture, pressure_1_kpa .., tag, x_m .. qw), tag "
       "corners (capture, pressure_1_kpa .., tag, x1_px, y1_px .. y4_px), free lengths "
-      "(pressure_kpa, length_m) or series of the tip (time_s, pressure_1_kpa .., x_m, y_m, "
+      "(pressure_kpa, length_m), with --muscles readings of a testing machine (pressure_kpa, "
+      "length_m, force_n; tension is positive), or series of the tip (time_s, pressure_1_kpa .., "
+      "x_m, y_m, "
       "z_m, optionally qx .. qw; for a mode without pressures, too); captures with columns of "
       "a load that hangs on the arm (load_mass_kg or load_force_x_n .. load_force_z_n, world "
       "frame; load_s: sections from the base, default the tip); or rosbags with "
@@ -414,17 +489,7 @@ Subcommand addCalibrate(CLI::App& app) {
             "another arm with the same stiffness, as SCENE,DATA.csv; --set does not apply to it; "
             "repeatable")
       ->allow_extra_args(false);
-  addOption(
-      *command, "--contraction", options->request.contraction,
-      "the scene's contraction curve that free lengths replace, needed if it has several; the only "
-      "one that a series of the tip changes, else all");
-  addOption(*command, "--curve", options->curve,
-            "kind of contraction curve: spline (fitted to free lengths and captures together), "
-            "quintic or table (to free lengths alone); default spline with captures, else quintic",
-            CLI::IsMember(kCurveNames));
-  addOption(*command, "--branch", options->branch,
-            "branch of the free lengths: both, rising or falling",
-            CLI::IsMember({"both", "rising", "falling"}), kShowDefault);
+  addCurveOptions(*command, *options);
   addOption(
       *command, "--rest-offset-mm", options->rest_offset_mm,
       "expected standard deviation of the tip's offset from trial to trial, per axis [mm], of "
@@ -444,7 +509,12 @@ error_unit, suspects [{cause, where, explains, remedy}] (what usually explains a
 beyond its noise, best first), held_out {by_pressure, by_arm}, contractions, arms [{name, captures}],
 next_pressures_pa (most informative pressures to measure next), warnings, out, reason
 (exit code 1).
-scripts/plot_report draws it. csv: one row per parameter.)");
+scripts/plot_report draws it. csv: one row per parameter.
+With --muscles, json: rms_n, span_n (of the measured forces), loop_n (width of the
+hysteresis loop, in force), held_out {rms_n, parts [{part, rms_n}]} (each data set predicted
+by a fit to the others; of a single one, each tenth), curve [{pressure_pa, length_m (free),
+length_error_m, K_eps_n (of one muscle), K_eps_error_n}], rows, contraction, out, reason.
+csv: one row per pressure of the curve.)");
   return {command, [options](const GlobalOptions& global) { return run(*options, global); }};
 }
 

@@ -46,6 +46,7 @@ struct Subcommand {
   std::function<int(const GlobalOptions&)> run;
 };
 
+Subcommand addAttain(CLI::App& app);
 Subcommand addForward(CLI::App& app);
 Subcommand addInverse(CLI::App& app);
 Subcommand addCheck(CLI::App& app);
@@ -61,6 +62,7 @@ Subcommand addLocalize(CLI::App& app);
 Subcommand addMotion(CLI::App& app);
 Subcommand addNew(CLI::App& app);
 Subcommand addPath(CLI::App& app);
+Subcommand addPayload(CLI::App& app);
 Subcommand addRegulator(CLI::App& app);
 Subcommand addSession(CLI::App& app);
 Subcommand addSimulate(CLI::App& app);

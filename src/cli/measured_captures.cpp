@@ -19,6 +19,7 @@
 #include "helix_arm/procedures/captures.hpp"
 #include "helix_arm/procedures/report_plot.hpp"
 #include "helix_arm/procedures/response_series.hpp"
+#include "helix_arm/procedures/stand_calibration.hpp"
 #include "measurements.hpp"
 #include "output.hpp"
 
@@ -218,7 +219,8 @@ std::optional<double> median(std::vector<double> values) {
 }
 
 struct CaptureOptions {
-  std::string scene, data, png;
+  std::string scene, data, png, contraction;
+  std::optional<int> muscles;  // on a testing machine
 };
 
 json fittedJson(const FittedCapture& capture, const TagLayout& layout) {
@@ -556,12 +558,39 @@ int evaluateSeries(const io::Scene& scene, const io::DataSet& data, const Captur
   return solved ? kDone : kNotPossible;
 }
 
+int evaluateStand(const io::Scene& scene, const CaptureOptions& options, Format format) {
+  const estimation::StandRun run = procedures::loadStand({options.data}).runs.front();
+  const estimation::StandComparison found = estimation::compareStand(
+      procedures::standLawOf(scene, options.contraction), run, *options.muscles);
+  json report{{"scene", scene.name},
+              {"muscles", *options.muscles},
+              {"rows", run.readings.size()},
+              {"rms_n", found.rms},
+              {"worst_n", found.residual.lpNorm<Eigen::Infinity>()},
+              {"span_n", found.span},
+              {"loop_n", toJson(found.loop)},
+              {"rows_beyond_curve", found.beyond}};
+  json shown = report;
+  if (found.beyond > 0) {
+    shown["note"] = "pressures beyond the scene's curve count as its end";
+  }
+  printResult(format, report, shown, [&] {
+    return CsvTable(json::array({report}), {"rms_n", "worst_n", "span_n", "loop_n", "rows",
+                                            "muscles", "rows_beyond_curve"});
+  });
+  return kDone;
+}
+
 int runEvaluate(const CaptureOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadScene(options.scene, global);
+  refuseIf(!options.contraction.empty() && !options.muscles, "--contraction needs --muscles");
+  if (options.muscles) return evaluateStand(scene, options, global.format);
   const io::DataSet data = io::loadDataSet(options.data);
   if (data.find("x_m") >= 0 && data.find("tag") < 0) {
     return evaluateSeries(scene, data, options, global.format);
   }
+  refuseIf(data.find("force_n") >= 0, data.path,
+           " holds forces of a testing machine; give --muscles, the number of muscles in parallel");
   refuseIf(!options.png.empty(), "--png draws a series of the tip; ", data.path, " holds none");
   const bool tags = data.find("curvature_rad") < 0 && data.find("tag") >= 0;
   return tags ? evaluateTags(scene, data, global.format)
@@ -611,6 +640,12 @@ Subcommand addEvaluate(CLI::App& app) {
       kRequired);
   addOption(*command, "--png", options->png,
             "picture of a series: model and measurement over the time");
+  addOption(*command, "--muscles", options->muscles,
+            "the data are of a testing machine with so many equal muscles in parallel: "
+            "pressure_kpa, length_m, force_n",
+            CLI::Range(1, 1000));
+  addOption(*command, "--contraction", options->contraction,
+            "with --muscles: name of the muscle's curve, needed if the arm has several");
   command->footer(R"(Curvature, json: rms_rad and max_rad of model - measured, points [{pressure_pa,
 measured_rad, model_rad}], tier, reason (if the model finds no shape under its load:
 model_rad is null there, exit code 1).
@@ -628,6 +663,9 @@ trial in turn, of fewer than five trials each tenth), rms_without_offset_m (with
 deviation of each trial taken off), rms_at_rest_m and rms_in_motion_m, offset_m, rows,
 rms_rad of the orientation if the series has one (qx, qy, qz, qw), trials [{trial and the
 same}], tier, reason, png. The arm rests at the start of each trial.
+With --muscles, json: rms_n and worst_n of model - measured, span_n (of the measured
+forces), loop_n (width of the hysteresis loop, in force), rows, rows_beyond_curve (at
+pressures beyond the scene's curve), muscles.
 csv: the summary as # comments, then one row per point, capture or trial.)");
   return {command,
           [options](const GlobalOptions& global) { return runEvaluate(*options, global); }};

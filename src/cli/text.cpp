@@ -21,12 +21,12 @@ struct Unit {
   const char* shown;
   double scale;
 };
-constexpr Unit kUnits[] = {{"_m", "mm", 1e3},   {"_pa", "kPa", 1e-3},
-                           {"_kpa", "kPa", 1},  {"_rad", "deg", 180 / basics::kPi},
-                           {"_deg", "deg", 1},  {"_s", "s", 1},
-                           {"_ns", "us", 1e-3}, {"_n", "N", 1},
-                           {"_px", "px", 1},    {"_percent", "%", 1},
-                           {"_m2", "m^2", 1},   {"_nats", "nats", 1}};
+constexpr Unit kUnits[] = {
+    {"_n_per_m", "N/m", 1}, {"_nm", "N m", 1},   {"_m", "mm", 1e3},
+    {"_pa", "kPa", 1e-3},   {"_kpa", "kPa", 1},  {"_rad", "deg", 180 / basics::kPi},
+    {"_deg", "deg", 1},     {"_s", "s", 1},      {"_ns", "us", 1e-3},
+    {"_n", "N", 1},         {"_px", "px", 1},    {"_percent", "%", 1},
+    {"_m2", "m^2", 1},      {"_nats", "nats", 1}};
 
 // Keys that stand for others, since their own tell no unit, or another word.
 constexpr std::pair<const char*, const char*> kNames[] = {

@@ -76,6 +76,47 @@ double errorWithin(const MagnusTerms<Tangent>& g) {
          bracket(g.value, g.slope).template head<kSpace>().norm() / 125;
 }
 
+// Equations A g = D l of a section (eq. 17) whose stiffness follows from its inputs. Angles are
+// scaled by S to arc lengths, so that bending is not mistaken for noise.
+template <class Group>
+struct Equations {
+  using Tangent = typename Group::Tangent;
+  using Matrix = typename Group::Matrix;
+  Tangent S = Tangent::Ones(), D_l = Tangent::Zero();
+  Matrix A = Matrix::Zero();
+
+  Tangent twist() const { return S.cwiseProduct(Tangent(Eigen::LDLT<Matrix>(A).solve(D_l))); }
+  Matrix compliance() const {
+    return S.asDiagonal() * Eigen::LDLT<Matrix>(A).solve(Matrix(S.asDiagonal()));
+  }
+};
+
+// @param bending  factor on K_kappa.
+// @param factors  on the stiffness of each actuator of the arm; null: 1.
+template <class Group>
+Equations<Group> equationsOf(const std::vector<ActuatorOf<Group>>& actuators, int begin, int end,
+                             const Eigen::Ref<const Eigen::VectorXd>& lengths, double bending,
+                             const Eigen::VectorXd* factors) {
+  using Tangent = typename Group::Tangent;
+  using Matrix = typename Group::Matrix;
+  Equations<Group> out;
+  double offset = 0.0;
+  for (int i = begin; i < end; ++i) {
+    offset = std::max(offset, actuators[i].X_O.translation.norm());
+  }
+  if (offset > 0) out.S.template tail<Group::kRotations>().setConstant(1.0 / offset);
+  for (int i = begin; i < end; ++i) {
+    const Matrix M = actuators[i].X_O.inverse().adjoint() * out.S.asDiagonal();
+    Stiffness stiffness = actuators[i].stiffness;
+    stiffness.kappa *= bending;
+    const Tangent K =
+        (factors != nullptr ? (*factors)[i] : 1.0) * stiffness.template diagonal<Group>();
+    out.A += M.transpose() * K.asDiagonal() * M;
+    out.D_l += K[0] * lengths[i] * M.row(0).transpose();
+  }
+  return out;
+}
+
 }  // namespace
 
 template <>
@@ -402,7 +443,7 @@ typename Group::Tangent ArmOf<Group>::twistAt(const InputRef& lengths, const Inp
   const BendingTable& table = bending_[k];
   const double factor = q != nullptr ? table.at(table.argumentAt(ofSection(*q, k)))
                                      : bendingOfLengths(lengths, k).factor;
-  return balance(k, lengths, factor).twist;
+  return equationsOf(actuators_, first_[k], first_[k + 1], lengths, factor, nullptr).twist();
 }
 
 template <class Group>
@@ -427,29 +468,9 @@ typename ArmOf<Group>::Bending ArmOf<Group>::bendingOfLengths(const InputRef& le
 template <class Group>
 typename ArmOf<Group>::Balance ArmOf<Group>::balance(
     int k, const InputRef& lengths, double bending, const Eigen::VectorXd* factors) const noexcept {
-  using Tangent = typename Group::Tangent;
-  using Matrix = typename Group::Matrix;
-  double offset = 0.0;
-  for (int i = first_[k]; i < first_[k + 1]; ++i) {
-    offset = std::max(offset, actuators_[i].X_O.translation.norm());
-  }
-  // Angles are scaled to arc lengths, so that bending is not mistaken for noise.
-  Tangent S = Tangent::Ones();
-  if (offset > 0) S.template tail<Group::kRotations>().setConstant(1.0 / offset);
-  Matrix A = Matrix::Zero();
-  Tangent D_l = Tangent::Zero();
-  for (int i = first_[k]; i < first_[k + 1]; ++i) {
-    const Matrix M = actuators_[i].X_O.inverse().adjoint() * S.asDiagonal();
-    Stiffness stiffness = actuators_[i].stiffness;
-    stiffness.kappa *= bending;
-    const Tangent K =
-        (factors != nullptr ? (*factors)[i] : 1.0) * stiffness.template diagonal<Group>();
-    A += M.transpose() * K.asDiagonal() * M;
-    D_l += K[0] * lengths[i] * M.row(0).transpose();
-  }
-  const Eigen::LDLT<Matrix> A_factors(A);
-  return {S.cwiseProduct(Tangent(A_factors.solve(D_l))),
-          S.asDiagonal() * A_factors.solve(Matrix(S.asDiagonal()))};
+  const auto equations =
+      equationsOf(actuators_, first_[k], first_[k + 1], lengths, bending, factors);
+  return {equations.twist(), equations.compliance()};
 }
 
 template <class Group>

@@ -655,6 +655,8 @@ class CalibrationJob {
     options.curve = request_.contraction;
     options.ring_radius = fits(FitParameter::kRingRadius);
     options.ring_phase = fits(FitParameter::kRingPhase);
+    const bool of_geometry = options.arm.base && options.arm.contraction && !scene_->planar;
+    options.phases = options.ring_phase || (of_geometry && io::hasRingsOnly(path_, overrides_));
     estimation::TipSeries tips = soundRowsOf(ofArm(data_.tips));
     if (fitsCurve()) lowerLimits(tips);
     const estimation::SeriesPrior prior = priorOf(*scene_);
@@ -687,11 +689,13 @@ class CalibrationJob {
       warn({"the orientations (qx .. qw) contradict the positions and are left out: " +
             fit.orientation_fault});
     }
+    if (!fit.order_fault.empty()) warn({"positions: " + fit.order_fault});
     if (options.arm.base) {
       const bool of_tags = scene_->tags && !scene_->motion_capture.X_BF;
       (of_tags ? changes_.X_BF : changes_.motion_capture.X_BF) = fit.X_BF;
     }
     changes_.motion_capture.R_TM = fit.R_TM;
+    changes_.motion_capture.p_TM = fit.p_TM;
     changes_.motion_capture.beam = fit.beam;
     for (const estimation::FittedCurve& curve : fit.curves) {
       estimation::ContractionFit table;

@@ -445,6 +445,11 @@ void addDataSet(const io::Scene& scene, const io::DataSet& set, CalibrationData&
   }
   switch (kind) {
     case DataKind::kLengths:
+      if (set.find("force_n") >= 0) {
+        refuse(set.path,
+               "holds forces of a testing machine; give --muscles, the number of muscles "
+               "in parallel on it");
+      }
       append(lengthSeriesOf(set), set.path, data.lengths);
       break;
     case DataKind::kTipSeries:

@@ -100,7 +100,8 @@ estimation::TipSeries ofArm(const ResponseSeries& tips) {
 
 estimation::SeriesPrior priorOf(const io::Scene& scene) {
   const io::MotionCapture& seen = scene.motion_capture;
-  return {scene.model, seen.X_BF.value_or(scene.X_BF), seen.R_TM, seen.beam};
+  return {scene.model, seen.X_BF.value_or(scene.X_BF), seen.R_TM,
+          seen.p_TM.value_or(Eigen::Vector3d::Zero()), seen.beam};
 }
 
 std::string tipSeriesCsv(const ResponseSeries& tips, const std::string& comment) {

@@ -12,8 +12,10 @@
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/dynamics/arm_motion.hpp"
 #include "helix_arm/model/batch.hpp"
+#include "helix_arm/statics/attain.hpp"
 #include "helix_arm/statics/inverse.hpp"
 #include "helix_arm/statics/jacobian.hpp"
+#include "helix_arm/statics/payload.hpp"
 #include "helix_arm/statics/workspace.hpp"
 
 namespace helix_arm::python {
@@ -207,6 +209,14 @@ lie::SE3 poseOf(const Eigen::VectorXd& p, std::size_t row) {
   return {q.normalized().toRotationMatrix(), p.head<3>()};
 }
 
+// -1 lower, 1 upper, 0 none.
+void setLimits(const std::vector<statics::Limit>& limits, std::int8_t* out) {
+  std::transform(limits.begin(), limits.end(), out, [](statics::Limit limit) -> std::int8_t {
+    if (limit == statics::Limit::kNone) return 0;
+    return limit == statics::Limit::kLower ? -1 : 1;
+  });
+}
+
 // The results of all rows.
 struct Found {
   Found(const Rows& rows, py::ssize_t actuators)
@@ -219,11 +229,7 @@ struct Found {
 
   void set(std::size_t row, const statics::InverseResult& result) const {
     Eigen::VectorXd::Map(inputs.at(row), inputs.size()) = result.input;
-    std::transform(result.limits.begin(), result.limits.end(), limits.at(row),
-                   [](statics::Limit limit) -> std::int8_t {
-                     if (limit == statics::Limit::kNone) return 0;
-                     return limit == statics::Limit::kLower ? -1 : 1;
-                   });
+    setLimits(result.limits, limits.at(row));
     residual[row] = result.residual;
     position_error[row] = result.position_error;
     status[row] = static_cast<std::int8_t>(result.status);
@@ -287,6 +293,96 @@ py::dict inverse(const Scene& scene, const std::string& kind, const py::object& 
                   "iterations"_a = found.iterations.result());
 }
 
+constexpr std::size_t kPayloadPiece = 4;
+
+// @param directions  (D, 3).
+// @return fields of the result for each tip and direction, of the end its place in PayloadEnd.
+py::dict payload(const Scene& scene, const py::object& wanted, const py::object& given_directions,
+                 const std::array<double, 3>& moment, double tolerance, std::size_t threads) {
+  const Rows tips(wanted, "tip", 3), directions(given_directions, "directions", 3);
+  tips.requireFinite();
+  directions.requireFinite();
+  const py::ssize_t n = scene.arm().actuatorCount(), count = directions.rows();
+  const Entries<double> forces(tips, {count}), stiffness(tips, {count}), inputs(tips, {count, n});
+  const Entries<std::int8_t> limits(tips, {count, n}), ends(tips, {count});
+  const Entries<bool> reached(tips, {});
+  const statics::PayloadOptions options{tolerance, {moment[0], moment[1], moment[2]}};
+  {
+    const OthersRun others_run;
+    statics::PayloadSolver(scene.model(), options);  // checks them, also without rows
+    inPieces(static_cast<std::size_t>(tips.rows()), kPayloadPiece, threads,
+             [&](std::size_t first, std::size_t end) {
+               statics::PayloadSolver solver(scene.model(), options);
+               for (std::size_t row = first; row < end; ++row) {
+                 solver.moveTo(tips.row(static_cast<py::ssize_t>(row)));
+                 reached[row] = solver.isThere();
+                 for (py::ssize_t d = 0; d < count; ++d) {
+                   const statics::Payload found = solver.along(directions.row(d));
+                   forces.at(row)[d] = reached[row] ? found.force : kNoNumber;
+                   stiffness.at(row)[d] = found.stiffness;
+                   ends.at(row)[d] = static_cast<std::int8_t>(found.end);
+                   Eigen::VectorXd::Map(inputs.at(row) + d * n, n) = found.input;
+                   setLimits(found.limits, limits.at(row) + d * n);
+                 }
+               }
+             });
+  }
+  return py::dict("forces_n"_a = forces.result(), "ends"_a = ends.result(),
+                  "limits"_a = limits.result(), "stiffness_n_per_m"_a = stiffness.result(),
+                  "pressures_pa"_a = inputs.result(), "reached"_a = reached.result());
+}
+
+constexpr std::size_t kAttainPiece = 64;
+
+// @param wanted  rows of the twists of `pieces` per section. @param loads  rows of s, force, s,
+//     moment: one, or one for each of the twists.
+py::dict attain(const Scene& scene, const py::object& wanted, int pieces, const py::object& loads,
+                double tolerance, std::size_t threads) {
+  const model::Arm& arm = scene.arm();
+  const int columns = pieces * arm.sectionCount();
+  const Rows twists(wanted, "twists", 6 * columns), points(loads, "force and moment", 8);
+  twists.requireFinite();
+  points.requireFinite();
+  basics::require(points.rows() == 1 || points.rows() == twists.rows(), "force and moment have ",
+                  points.rows(), " rows; expected one, or as many as twists: ", twists.rows());
+  basics::require(scene.model().load().has_value(),
+                  "attain() needs arm.stiffness.K_eps_n in every section");
+  const Entries<bool> attainable(twists, {});
+  const Entries<double> inputs(twists, {arm.actuatorCount()}), force(twists, {3}),
+      moment(twists, {3}), s(twists, {}), residual(twists, {});
+  const Entries<std::int8_t> limits(twists, {arm.actuatorCount()});
+  const statics::AttainSolver solver(arm, *scene.model().load(), tolerance);
+  {
+    const OthersRun others_run;
+    inPieces(static_cast<std::size_t>(twists.rows()), kAttainPiece, threads,
+             [&](std::size_t first, std::size_t end) {
+               for (std::size_t i = first; i < end; ++i) {
+                 const auto row = static_cast<py::ssize_t>(i);
+                 const Eigen::VectorXd load = points.row(points.rows() == 1 ? 0 : row);
+                 statics::PointLoad pull = statics::placeAt(arm, load[0]),
+                                    turn = statics::placeAt(arm, load[4]);
+                 pull.force = load.segment<3>(1);
+                 turn.moment = load.tail<3>();
+                 const model::Shape shape(
+                     model::Shape::Pieces(twists.row(row).reshaped(6, columns)), pieces,
+                     arm.links());
+                 const statics::Attainment found = solver.attain(shape, {pull, turn});
+                 attainable[i] = found.attainable;
+                 Eigen::VectorXd::Map(inputs.at(i), inputs.size()) = found.input;
+                 Eigen::Vector3d::Map(force.at(i)) = found.missing.force;
+                 Eigen::Vector3d::Map(moment.at(i)) = found.missing.moment;
+                 s[i] = found.missing.section + found.missing.s;
+                 residual[i] = found.residual;
+                 setLimits(found.limits, limits.at(i));
+               }
+             });
+  }
+  return py::dict("attainable"_a = attainable.result(), "pressures_pa"_a = inputs.result(),
+                  "missing_force_n"_a = force.result(), "missing_moment_nm"_a = moment.result(),
+                  "missing_s"_a = s.result(), "residual_n"_a = residual.result(),
+                  "active_limits"_a = limits.result(), "largest_force_n"_a = solver.largestForce());
+}
+
 // Motions of the tip, of one series of pressures (T, n) or one after the other (rollouts * T, n).
 //
 // @param times    (T,) ascending [s]. @param order, step  in place of the scene's, unless None.
@@ -343,6 +439,8 @@ void bindModel(py::class_<Scene>& scene) {
            "threads"_a)
       .def("_inverse", inverse, "kind"_a, "wanted"_a, "start"_a, "prefer"_a, "cocontraction"_a,
            "position_tolerance_m"_a, "threads"_a)
+      .def("_payload", payload, "tip"_a, "directions"_a, "moment"_a, "tolerance"_a, "threads"_a)
+      .def("_attain", attain, "twists"_a, "pieces"_a, "loads"_a, "tolerance"_a, "threads"_a)
       .def("_workspace", workspace, "points"_a, "seed"_a, "sensitivity"_a, "extremes"_a,
            "threads"_a);
 }

@@ -114,6 +114,8 @@ int main(int argc, char** argv) {
     reporter.printRatio("stiffness of 21 x 7 tags, to " + until + ", against nmsimplex2",
                         "stiffness/" + until, "stiffnessOfPeer");
   }
+  reporter.printRatio("attain, against Ceres", "attain", "attainOfPeer");
+  reporter.printRatio("payload, against Ceres", "payload", "payloadOfPeer");
   reporter.printRatio("placement of 50 x 8 tags, against differences", "placement",
                       "placementOfPeer");
   for (const std::string arm : {"soft", "scene"}) {

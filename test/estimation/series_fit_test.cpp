@@ -21,7 +21,8 @@ namespace {
 
 using basics::kPi;
 using test::Random;
-constexpr double kMost = 200e3;  // [Pa]
+constexpr double kMost = 200e3;                    // [Pa]
+constexpr double kRadius = 0.03, kBeam = 1.15e-3;  // of the chambers [m], and 3 K_kappa [m^2]
 constexpr int kTrials = 6;
 const int kRows = test::draws(200, 400);
 const double kSpacing = 40.0 / kRows;                  // [s]
@@ -40,10 +41,11 @@ struct Truth {
   Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();  // of the base, seen from the frame F
   Eigen::Vector3d place{0.1, -0.2, 0.3};               // [m]
   Eigen::Vector3d stroke{1, 1, 1};                     // factors on those of the chambers
-  double growth = 0;      // of the stiffness against bending, for the most pressure in all chambers
-  double others = 0;      // likewise, for the most pressure in all chambers but one
-  double phase = 0;       // of the ring about the axis of the base [rad]
-  bool oriented = false;  // the series has orientations
+  double growth = 0;  // of the stiffness against bending, for the most pressure in all chambers
+  double others = 0;  // likewise, for the most pressure in all chambers but one
+  double phase = 0;   // of the ring about the axis of the base [rad]
+  Eigen::Vector3d own_phase{0, 0, 0};  // of each chamber, beside its even place [rad]
+  bool oriented = false;               // the series has orientations
   Eigen::Matrix3d body = Eigen::Matrix3d::Identity();  // of what has them, seen from the tip
   std::optional<Eigen::Vector2d> beam = {};  // its slopes in y and z of the tip: x, y are a dot's
 };
@@ -70,15 +72,20 @@ lie::SE3 trueTip(const Eigen::Vector3d& effective, const Truth& truth) {
     others += effective[i] * (effective.sum() - effective[i]) / 2 / std::max(effective.sum(), 1.0);
   }
   const double stiffer = 1 + (truth.growth * effective.mean() + truth.others * others) / kMost;
-  const double bend_per_length = 12.0 / stiffer;  // [rad/m]
-  double length = 0, y = 0, z = 0;
+  // Length of the axis and bends of least energy of three springs and a beam.
+  Eigen::Matrix3d stiffness = Eigen::Vector3d(0, 1, 1).asDiagonal() * kBeam;
+  Eigen::Vector3d force = Eigen::Vector3d::Zero();
   for (int i = 0; i < 3; ++i) {
     const double rest = trueLength(0),
                  one = rest + truth.stroke[i] * (trueLength(effective[i]) - rest);
-    length += one / 3;
-    y += one * std::cos(angleOf(i)) * bend_per_length;
-    z += one * std::sin(angleOf(i)) * bend_per_length;
+    const double angle = angleOf(i) + truth.own_phase[i];
+    const Eigen::Vector3d arm(1, kRadius * std::cos(angle), kRadius * std::sin(angle));
+    stiffness += arm * arm.transpose();
+    force += arm * one;
   }
+  stiffness.bottomRightCorner<2, 2>() *= stiffer;
+  const Eigen::Vector3d shape = stiffness.inverse() * force;
+  const double length = shape[0], y = shape[1], z = shape[2];
   const double bend = std::max(std::hypot(y, z), 1e-9);
   // A chamber that lengthens bends the arm away from it.
   const double across = -length * (1 - std::cos(bend)) / bend;
@@ -136,11 +143,11 @@ TipSeries seriesOf(const Truth& truth, int seed) {
 }
 
 // What a user guesses: another curve, radius and stiffness, and a base whose axes are those of F.
-SeriesPrior guess(const std::vector<double>& lengths = {0.19, 0.2, 0.22}) {
+SeriesPrior guess(const std::vector<double>& lengths = {0.19, 0.2, 0.22}, double radius = 0.025) {
   const auto curve = model::Contraction::table({0, kMost / 2, kMost}, lengths);
   model::Section section;
   for (int i = 0; i < 3; ++i) {
-    const Eigen::Vector3d place{0, 0.025 * std::cos(angleOf(i)), 0.025 * std::sin(angleOf(i))};
+    const Eigen::Vector3d place{0, radius * std::cos(angleOf(i)), radius * std::sin(angleOf(i))};
     model::Actuator one{std::to_string(i + 1),
                         {Eigen::Matrix3d::Identity(), place},
                         {10, 0, 1.5e-4},
@@ -274,6 +281,24 @@ TEST(SeriesFit, FindsThePhaseOfARing) {
     EXPECT_NEAR(parameterOf(fit, "base_rx").value, -0.5, 4 * phase.standard_error);
     EXPECT_LT(fit.rms_turn, 1.1 * std::sqrt(3) * kTurnNoise);
   }
+}
+
+// Of chambers that are not evenly spaced, stiffness does not make up for another radius.
+TEST(SeriesFit, FindsWhereChambersSitAroundTheAxis) {
+  Truth truth;
+  truth.own_phase = {0, 0.5, -0.3};
+  SeriesOptions options = everything(false);
+  options.phases = true;
+  const SeriesFit fit = fitSeries(guess({0.19, 0.2, 0.22}, kRadius), seriesOf(truth, 4), options);
+  ASSERT_EQ(fit.failure, "");
+  EXPECT_TRUE(keeps(fit, "phases"));
+  EXPECT_LT(fit.rms_about_offset, 1.1 * std::sqrt(3) * kNoise);
+  for (int i = 1; i < 3; ++i) {
+    const Parameter& phase = parameterOf(fit, "phase_" + std::to_string(i + 1));
+    EXPECT_NEAR(phase.value, truth.own_phase[i], 4 * phase.standard_error);
+    EXPECT_NEAR((*fit.ring_phase)[i], phase.value, 1e-12);
+  }
+  EXPECT_FALSE(keeps(fitSeries(guess(), seriesOf(Truth(), 4), options), "phases"));
 }
 
 TEST(SeriesFit, FindsTheRotationOfABodyFromTheMotion) {

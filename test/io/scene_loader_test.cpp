@@ -361,6 +361,18 @@ TEST(ScenePhase, AThirdOfATurnPermutesTheInputsOfThreeMuscles) {
   }
 }
 
+TEST(ScenePhase, AListPlacesEachActuatorOfARing) {
+  const char* const key = "arm.sections.0.ring.phase_deg";
+  const Scene number = shippedScene("helical_50", {{key, "30"}});
+  const Scene list = shippedScene("helical_50", {{key, "[30, 150, 270]"}});
+  for (int i = 0; i < 3; ++i) {
+    EXPECT_LT(apart(list.arm.actuator(i).X_O, number.arm.actuator(i).X_O), 1e-15);
+  }
+  const Scene uneven = shippedScene("helical_50", {{key, "[30, 150, 200]"}});
+  EXPECT_LT(apart(uneven.arm.actuator(1).X_O, number.arm.actuator(1).X_O), 1e-15);
+  EXPECT_GT(apart(uneven.arm.actuator(2).X_O, number.arm.actuator(2).X_O), 0.02);
+}
+
 TEST(SceneLinks, PlatesAndToolArePartOfTheTip) {
   const Scene plain = shippedScene("spatial_50");
   const Scene scene = shippedScene(

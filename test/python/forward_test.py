@@ -230,6 +230,59 @@ class JacobianTest(unittest.TestCase):
         self.assertTrue((np.linalg.eigvalsh(compliance) > -1e-12).all(), "energy would be negative")
 
 
+class PayloadTest(unittest.TestCase):
+    def setUp(self):
+        self.scene = helix_arm.Scene.load("loaded")
+        self.tips = self.scene.tips(pressures_of(self.scene, 6))
+
+    def test_rows_are_those_of_single_calls_on_any_threads(self):
+        all_ways = self.scene.payload(self.tips, [[0, 0, 2], [1, 0, 0]], threads=2)
+        self.assertEqual(all_ways.forces_n.shape, (6, 2))
+        self.assertEqual(all_ways.limits.shape, (6, 2, 3))
+        self.assertTrue(all_ways.reached.all())
+        one = self.scene.payload(self.tips[3], [0, 0, 1])
+        self.assertAlmostEqual(one.forces_n[0], all_ways.forces_n[3, 0], places=9)
+        self.assertEqual(one.ends[0], all_ways.ends[3, 0])
+        self.assertEqual(self.scene.payload(self.tips[0]).forces_n.shape, (26,))
+
+    def test_the_force_is_held_within_the_tolerance(self):
+        for tip, push in zip(self.tips[:3], np.eye(3)):
+            found = self.scene.payload(tip, push)
+            pushed = helix_arm.Scene.load("loaded", {"load.tip": {
+                "mass_kg": 0.05, "force_n": (found.forces_n[0] * self.scene._rotation_WB @ push).tolist()}})
+            self.assertLess(np.linalg.norm(pushed.tips(found.pressures_pa[0]) - tip), 0.0102 * self.scene.length_m)
+
+    def test_out_of_reach_is_nan(self):
+        found = self.scene.payload([2, 0, 0], [0, 0, 1])
+        self.assertFalse(found.reached)
+        self.assertTrue(np.isnan(found.forces_n).all())
+        self.assertEqual(found.ends[0], "unreached")
+
+    def test_refusals_name_the_argument(self):
+        for call, words in [(lambda: self.scene.payload([0.3, 0]), "tip"),
+                            (lambda: self.scene.payload([0.3, 0, 0], [0, 0, 0]), "directions"),
+                            (lambda: self.scene.payload([0.3, 0, 0], tolerance=0.0), "tolerance"),
+                            (lambda: self.scene.payload([0.3, 0, 0], moment=[1, 2]), "moment"),
+                            (lambda: helix_arm.Scene.load("planar_76").payload([0.3, 0, 0]), "K_eps_n"),
+                            (lambda: helix_arm.Scene.load("planar_76").attain([[0.4, 0, 0, 0, 0, 0]]), "K_eps_n"),
+                            (lambda: self.scene.attain([0.4, 0, 0, 0, 0, 0]), "twists"),
+                            (lambda: self.scene.attain([[0.4, 0, 0, 0, 0, 0]], [3, 0, 0, 1]), "s = 3")]:
+            with self.assertRaisesRegex(ValueError, words):
+                call()
+
+    def test_unloaded_shapes_are_attained_by_their_pressures(self):
+        free = helix_arm.Scene.load("loaded", {"load.gravity_m_s2": [0, 0, 0]})
+        p = pressures_of(free, 20)
+        shapes = free.forward(p).twists
+        found = free.attain(shapes)
+        self.assertTrue(found.attainable.all())
+        np.testing.assert_allclose(found.pressures_pa, p, atol=500)
+        pushed = free.attain(shapes, [1, 1000, 0, 0], threads=0)
+        self.assertFalse(pushed.attainable.any())
+        self.assertTrue((pushed.active_limits == 1).any())
+        self.assertEqual(free.attain(shapes[0]).pressures_pa.shape, (3,))
+
+
 class MotionTest(unittest.TestCase):
     def setUp(self):
         damping = {"stretch": 0.02, "shear": 0.02, "twist": 0.02, "bend": 0.02}

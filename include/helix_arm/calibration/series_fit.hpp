@@ -31,6 +31,7 @@ struct SeriesPrior {
   /// Rotation of the measured body M, whose orientation a series has, seen from the tip's frame T.
   /// Nothing: unknown, and found from the series.
   std::optional<Eigen::Matrix3d> R_TM = {};
+  Eigen::Vector3d p_TM = Eigen::Vector3d::Zero();  ///< place of that body likewise [m]
   /// The positions are those of a dot in the x-y plane of F, where a beam from the tip meets it:
   /// its direction, x of the tip's frame turned about its y and then its z [rad]. Nothing: of the
   /// tip.
@@ -46,6 +47,9 @@ struct SeriesOptions {
   /// Radius and phase of the rings of all sections. A turn of the first one, if the base is fitted,
   /// is the base's.
   bool ring_radius = false, ring_phase = false;
+  /// Where it predicts better, the angle about the axis of each actuator that moves, against the
+  /// first one that moves in its section.
+  bool phases = false;
   /// Standard deviation of the tip's offset from trial to trial, per axis: where an arm rests moves
   /// from hour to hour. Large ones also take up what the curves should explain. 0: no offset. [m]
   double rest_offset = 0.0005;
@@ -97,16 +101,18 @@ struct SeriesFit {
   std::optional<double> K_eps;                  ///< [N], if fitted
   std::optional<Eigen::VectorXd> length_scale;  ///< (actuators), if fitted
   std::optional<Eigen::VectorXd> stroke_scale;  ///< likewise
-  /// (sections) factors on the distance of the actuators from the axis, and turns about it [rad],
-  /// if fitted.
+  /// If fitted: (sections) factors on the distance of the actuators from the axis, and (actuators)
+  /// turns about it [rad].
   std::optional<Eigen::VectorXd> ring_radius, ring_phase;
   std::vector<FittedCurve> curves;  ///< if contraction is fitted
   lie::SE3 X_BF;
   /// Rotation of the body seen from the tip's frame, if orientations took part.
   std::optional<Eigen::Matrix3d> R_TM;
+  std::optional<Eigen::Vector3d> p_TM;  ///< its place likewise, if it predicts better [m]
   std::optional<Eigen::Vector2d> beam;  ///< its direction, if the positions are of a dot [rad]
   std::string orientation_fault;        ///< why they did not: what they contradict, and the remedy
-  model::Response response;             ///< as fitted or as before
+  std::string order_fault;   ///< that the actuators seem to follow each other in the other sense
+  model::Response response;  ///< as fitted or as before
   std::vector<Choice> choices;
   /// Parameters that the data cannot tell apart, and the rule that decides.
   std::vector<std::string> rules;

@@ -26,13 +26,15 @@ struct SceneCalibration {
   /// How K_kappa of every section depends on pressure; absent: as before. Needs stiffness.
   std::optional<model::BendingTable> bending;
   std::optional<double> K_eps;  ///< of every section [N]
+  /// Factors on it as a function of the actuators' inputs; empty: it is constant.
+  model::StiffnessTable K_eps_table;
   /// (actuators) factors on the current lengths, or on those of the new curves.
   std::optional<Eigen::VectorXd> length_scale;
-  /// (sections) factors on the radius of each ring, and turns of it about the arm [rad].
-  std::optional<Eigen::VectorXd> ring_radius, ring_phase;
-  std::optional<lie::SE3> X_CB;  ///< base seen from the camera: moves the camera
-  std::optional<lie::SE3> X_BF;  ///< frame of tag poses seen from the base
-  MotionCapture motion_capture;  ///< what was found of it
+  std::optional<Eigen::VectorXd> ring_radius;  ///< (sections) factors on it
+  std::optional<Eigen::VectorXd> ring_phase;   ///< (actuators of rings) turns about the arm [rad]
+  std::optional<lie::SE3> X_CB;                ///< base seen from the camera: moves the camera
+  std::optional<lie::SE3> X_BF;                ///< frame of tag poses seen from the base
+  MotionCapture motion_capture;                ///< what was found of it
   /// Placements of the same tags; the tag size is ignored.
   std::optional<estimation::TagLayout> tags;
   /// Values of other fitted parameters: stroke scales (actuators), factors on those of the scene or
@@ -75,6 +77,9 @@ std::vector<Override> withLimit(const std::string& path, std::vector<Override> o
 /// @throws std::invalid_argument if a section of a sound scene file lists its actuators, so that
 /// its radius and phase cannot be changed; DocumentError if the file cannot be read.
 void requireRings(const std::string& path, const std::vector<Override>& overrides);
+/// Whether none does.
+/// @throws DocumentError likewise.
+bool hasRingsOnly(const std::string& path, const std::vector<Override>& overrides);
 
 /// New values of a scene's camera; absent members leave the scene as it is.
 struct CameraChange {

@@ -44,7 +44,7 @@ struct Provenance {
   std::vector<Combination> combinations;
   double rms;                            ///< RMS of the inlier residuals, >= 0
   std::optional<double> held_out_error;  ///< error on held-out data, >= 0
-  std::string error_unit;                ///< unit of both: rad, px or m
+  std::string error_unit;                ///< unit of both: rad, px, m or N
 
   /// How well a placement is known that was fitted.
   struct PlacementError {

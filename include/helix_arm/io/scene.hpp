@@ -54,6 +54,7 @@ struct SafetyConfig {
 struct MotionCapture {
   std::optional<lie::SE3> X_BF;         ///< frame F of the positions, seen from the arm's base B
   std::optional<Eigen::Matrix3d> R_TM;  ///< rotation of the body M seen from the tip's frame T
+  std::optional<Eigen::Vector3d> p_TM;  ///< its position likewise [m]
   /// Direction of a beam from the tip, whose dot in the x-y plane of F is what is seen: x of T
   /// turned about its y and then its z [rad].
   std::optional<Eigen::Vector2d> beam;

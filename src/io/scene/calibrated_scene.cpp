@@ -208,11 +208,25 @@ void putStiffness(const model::Stiffness& stiffness,
   }
 }
 
-void putK_eps(const Scene& scene, double K_eps, Value& document) {
-  basics::require(scene.model.load().has_value(), "calibratedSceneText: K_eps is calibrated, but ",
-                  "scene ", scene.name, " has no load; expected one with a load");
-  for (Value* const one : stiffnessesOf(document)) {
-    if (findValue(*one, "K_eps_n")) setValue(*one, "K_eps_n", numberValue(K_eps));
+// A table is of muscles on a testing machine, also for scenes that have no K_eps yet.
+void putK_eps(const Scene& scene, double K_eps, const model::StiffnessTable& table,
+              Value& document) {
+  Value entry = numberValue(K_eps);
+  if (table.empty()) {
+    basics::require(scene.model.load().has_value(),
+                    "calibratedSceneText: K_eps is calibrated, but ", "scene ", scene.name,
+                    " has no load; expected one with a load");
+  } else {
+    std::vector<double> pressure = table.input, force = table.factor;
+    for (double& one : force) one *= K_eps;
+    entry = mapOf({{"pressure_kpa", Numbers{kPressure}, pressure, kKilo},
+                   {"force_n", Numbers{kPositive}, force}});
+  }
+  const std::vector<Value*> all = stiffnessesOf(document);
+  const auto has = [](Value* one) { return findValue(*one, "K_eps_n") != nullptr; };
+  if (std::none_of(all.begin(), all.end(), has)) return setValue(*all.front(), "K_eps_n", entry);
+  for (Value* const one : all) {
+    if (has(one)) setValue(*one, "K_eps_n", entry);
   }
 }
 
@@ -232,25 +246,42 @@ void putScales(const Scene& scene, const char* key, const char* what,
   }
 }
 
+// Angles of a ring's actuators: one turn of all keeps them evenly spaced, turns that differ list
+// them.
+void putPhases(const Eigen::VectorXd& turns, Value& ring) {
+  const auto within = [](double degrees) {
+    return std::abs(degrees) > 360 ? std::remainder(degrees, 360.0) : degrees;
+  };
+  const Value* given = ring.find("phase_deg");
+  Eigen::VectorXd phases = given == nullptr ? Eigen::VectorXd::Zero(1) : numbersOf(*given);
+  const Eigen::Index count = turns.size();
+  if (phases.size() == 1 && (turns.array() == turns[0]).all()) {
+    return setValue(ring, "phase_deg", numberValue(within(phases[0] + turns[0] / kDegree)));
+  }
+  if (phases.size() == 1) {
+    phases = phases[0] + 360.0 / static_cast<double>(count) *
+                             Eigen::ArrayXd::LinSpaced(count, 0, static_cast<double>(count - 1));
+  }
+  setValue(ring, "phase_deg", numbersValue((phases + turns / kDegree).unaryExpr(within)));
+}
+
 void putRings(const SceneCalibration& changes, Value& document) {
   std::vector<Value::Entry>& sections = sectionsOf(document);
+  Eigen::Index first = 0;  // actuator of the ring
   for (std::size_t k = 0; k < sections.size(); ++k) {
     Value* const ring = findValue(sections[k].value, "ring");
     basics::require(ring != nullptr, "calibratedSceneText: ", indexPath("arm.sections", k),
                     " lists its actuators; expected a ring, whose radius and phase can be fitted");
-    const auto index = static_cast<Eigen::Index>(k);
     if (changes.ring_radius) {
       const Eigen::VectorXd radius =
-          (*changes.ring_radius)[index] * numbersOf(*ring->find("radius_m"));
+          (*changes.ring_radius)[static_cast<Eigen::Index>(k)] * numbersOf(*ring->find("radius_m"));
       setValue(*ring, "radius_m",
                radius.size() > 1 ? numbersValue(radius) : numberValue(radius[0]));
     }
     if (changes.ring_phase) {
-      const Value* before = ring->find("phase_deg");
-      const double phase = before == nullptr ? 0.0 : *parseNumber(before->text);
-      const double turned = phase + (*changes.ring_phase)[index] / kDegree;
-      setValue(*ring, "phase_deg",
-               numberValue(std::abs(turned) > 360 ? std::remainder(turned, 360.0) : turned));
+      const auto count = static_cast<Eigen::Index>(numbersOf(*ring->find("count"))[0]);
+      putPhases(changes.ring_phase->segment(first, count), *ring);
+      first += count;
     }
   }
 }
@@ -270,10 +301,11 @@ Value poseValue(const lie::SE3& X) {
 }
 
 void putMotionCapture(const MotionCapture& found, Value& document) {
-  if (!found.X_BF && !found.R_TM && !found.beam) return;
+  if (!found.X_BF && !found.R_TM && !found.p_TM && !found.beam) return;
   Value& keys = mapIn(document, "motion_capture");
   if (found.X_BF) setValue(keys, "frame", poseValue(*found.X_BF));
   if (found.R_TM) setValue(keys, "body_rpy_deg", numbersValue(rpyDegOf(*found.R_TM)));
+  if (found.p_TM) setValue(keys, "body_position_m", numbersValue(*found.p_TM));
   if (found.beam) {
     setValue(keys, "beam_deg", numbersValue(Eigen::Vector2d(*found.beam * (180 / basics::kPi))));
   }
@@ -360,7 +392,7 @@ void putCalibration(const Scene& scene, const SceneCalibration& changes, Value& 
     putContraction(scene, name, fit, document, faults);
   }
   if (changes.stiffness) putStiffness(*changes.stiffness, changes.bending, document);
-  if (changes.K_eps) putK_eps(scene, *changes.K_eps, document);
+  if (changes.K_eps) putK_eps(scene, *changes.K_eps, changes.K_eps_table, document);
   if (changes.length_scale) {
     putScales(scene, kLengthScaleKey, "the number of length scales", *changes.length_scale,
               document);
@@ -541,6 +573,14 @@ void requireRings(const std::string& path, const std::vector<Override>& override
   FaultList faults(path);
   Value document = readSceneDocument(path, overrides, faults).document;
   putRings({}, document);
+}
+
+bool hasRingsOnly(const std::string& path, const std::vector<Override>& overrides) {
+  FaultList faults(path);
+  Value document = readSceneDocument(path, overrides, faults).document;
+  const std::vector<Value::Entry>& sections = sectionsOf(document);
+  return std::all_of(sections.begin(), sections.end(),
+                     [](const Value::Entry& one) { return one.value.find("ring") != nullptr; });
 }
 
 CameraPlace cameraPlaceOf(const lie::SE3& X_WC) {

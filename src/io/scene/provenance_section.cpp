@@ -160,7 +160,7 @@ std::vector<Key> provenanceKeys(Provenance& provenance) {
              [&](Provenance::Combination& one) { return combinationKeys(one, parameters); }),
       Key("rms", kNotNegative, provenance.rms).required(),
       {"held_out_error", kNotNegative, provenance.held_out_error},
-      Key("error_unit", oneOf({"rad", "px", "m"}), provenance.error_unit).required()};
+      Key("error_unit", oneOf({"rad", "px", "m", "N"}), provenance.error_unit).required()};
 }
 
 }  // namespace

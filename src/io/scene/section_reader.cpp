@@ -228,13 +228,33 @@ struct CurveScale {
   double length = 1, stroke = 1;
 };
 
-// Factors of a ring: one, or one per actuator. Invalid ones are reported and read as 1.
-std::vector<double> readScales(const MapReader& ring, const char* key, std::size_t count) {
-  double common = 1;
-  if (!ring.isList(key)) Key(key, kScale, common).read(ring);
-  std::vector<double> scales(count, common);
-  if (ring.isList(key)) Key(key, Numbers{kScale, count}, scales).read(ring);
-  return scales;
+// Numbers of a ring: one for all its actuators, or one per actuator. Invalid ones are reported and
+// read as the default.
+std::vector<double> readEach(const MapReader& ring, const char* key, const NumberRule& rule,
+                             double common, std::size_t count) {
+  if (!ring.isList(key)) Key(key, rule, common).read(ring);
+  std::vector<double> numbers(count, common);
+  if (ring.isList(key)) Key(key, Numbers{rule, count}, numbers).read(ring);
+  return numbers;
+}
+
+// Angles of the actuators of a ring about its axis [rad]: equally spaced from that of the first
+// one, or listed.
+std::vector<double> readPhases(const MapReader& ring, bool planar, std::size_t count) {
+  std::vector<double> phases =
+      readEach(ring, "phase_deg", within(kFinite, -360, 360, " degrees"), 0.0, count);
+  const bool in_plane =
+      !ring.isList("phase_deg") && (phases.front() == 0 || std::abs(phases.front()) == 180);
+  if (planar && !in_plane) {
+    ring.fault("phase_deg", "0 or 180: the muscles of a planar arm are in its x-y plane");
+  }
+  for (std::size_t i = 0; i < count; ++i) {
+    phases[i] = radians(phases[i]);
+    if (!ring.isList("phase_deg")) {
+      phases[i] += 2 * basics::kPi * static_cast<double>(i) / static_cast<double>(count);
+    }
+  }
+  return phases;
 }
 
 // Appends an actuator, with one pose or, along a tapered section, several.
@@ -287,24 +307,14 @@ bool isZero(const std::vector<double>& values) {
 void readRing(const MapReader& section, const InheritedStiffness& stiffness, ArmContext& arm,
               model::Section& out) {
   std::optional<int> count;
-  double phase_deg = 0.0;
   const MapReader ring =
       *section.map("ring", {Key("count", Whole{1, model::kMaxActuators}, count).required(),
-                            "radius_m",
-                            {"phase_deg", within(kFinite, -360, 360, " degrees"), phase_deg},
-                            "tilt_deg",
-                            "contraction",
-                            "length_scale",
-                            "stroke_scale",
-                            "min_pressure_kpa",
-                            "max_pressure_kpa"});
+                            "radius_m", "phase_deg", "tilt_deg", "contraction", "length_scale",
+                            "stroke_scale", "min_pressure_kpa", "max_pressure_kpa"});
   const std::vector<double> radius = readAlong(ring, "radius_m", kLength);
   const std::vector<double> tilt_deg =
       ring.has("tilt_deg") ? readAlong(ring, "tilt_deg", kTilt) : std::vector<double>{0};
   const std::optional<model::Actuator> fitting = readFitting(ring, stiffness, arm);
-  if (arm.planar && phase_deg != 0 && std::abs(phase_deg) != 180) {
-    ring.fault("phase_deg", "0 or 180: the muscles of a planar arm are in its x-y plane");
-  }
   if (arm.planar && count && *count != 2) {
     ring.fault("count", "2, the number of muscles in the ring of a planar arm");
   }
@@ -316,10 +326,11 @@ void readRing(const MapReader& section, const InheritedStiffness& stiffness, Arm
                          ", as many as radius_m, or one number");
   }
   const auto size = static_cast<std::size_t>(*count);
-  const std::vector<double> lengths = readScales(ring, "length_scale", size),
-                            strokes = readScales(ring, "stroke_scale", size);
+  const std::vector<double> lengths = readEach(ring, "length_scale", kScale, 1, size),
+                            strokes = readEach(ring, "stroke_scale", kScale, 1, size),
+                            phases = readPhases(ring, arm.planar, size);
   for (int i = 0; i < *count; ++i) {
-    const double th = radians(phase_deg) + 2 * basics::kPi * i / static_cast<double>(*count);
+    const double th = phases[static_cast<std::size_t>(i)];
     std::vector<lie::SE3> along;
     for (std::size_t place = 0; place < places; ++place) {
       const double r = radius[radius.size() > 1 ? place : 0];

@@ -272,15 +272,17 @@ std::optional<TagParts> readTags(const MapReader& scene, const ArmParts* arm) {
 MotionCapture readMotionCapture(const MapReader& scene) {
   MotionCapture out;
   lie::SE3 X_BF;
-  Eigen::Vector3d body(0, 0, 0);
+  Eigen::Vector3d body(0, 0, 0), place(0, 0, 0);
   Eigen::Vector2d beam(0, 0);
   const auto keys =
       scene.map("motion_capture", {{"frame", poseKeys(X_BF, kCoordinate)},
                                    {"body_rpy_deg", kFinite, body},
+                                   {"body_position_m", kCoordinate, place},
                                    {"beam_deg", within(kFinite, -80, 80, " degrees"), beam}});
   if (!keys) return out;
   if (keys->has("frame")) out.X_BF = X_BF;
   if (keys->has("body_rpy_deg")) out.R_TM = rotationOfRpyDeg(body);
+  if (keys->has("body_position_m")) out.p_TM = place;
   if (keys->has("beam_deg")) out.beam = beam * (basics::kPi / 180);
   return out;
 }

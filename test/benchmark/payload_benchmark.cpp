@@ -1,0 +1,220 @@
+// Whether a shape can be held, and what a place carries, beside what a laboratory writes with a
+// general optimiser: bounded least squares of Ceres over the lengths, with derivatives by
+// differences. Both answer the same questions by the same model; missed_percent is by how much the
+// peer found more.
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include <benchmark/benchmark.h>
+#include <ceres/ceres.h>
+
+#include "helix_arm/statics/attain.hpp"
+#include "helix_arm/statics/payload.hpp"
+#include "support/loaded_arm.hpp"
+
+namespace helix_arm::benchmark {
+namespace {
+
+using Eigen::Vector3d;
+using lie::Vector6;
+using namespace statics;
+
+constexpr int kMuscles = 3, kCases = 20, kPlaces = 8;
+
+const ArmModel& horizontalArm() {
+  static const ArmModel model(test::softHelicalArm(), std::nullopt, test::horizontalLoad(),
+                              TierSetting{Tier::kLoaded, 5});
+  return model;
+}
+
+struct Case {
+  model::Shape shape;
+  Vector3d tip, direction;
+};
+const std::vector<Case>& cases() {
+  static const std::vector<Case> all = [] {
+    test::Random random(1);
+    std::vector<Case> out;
+    for (int i = 0; i < kCases; ++i) {
+      const Solution at = horizontalArm().solve(test::randomInput(horizontalArm().arm(), random));
+      Vector3d direction = random.direction<3>();
+      direction.x() = std::abs(direction.x());  // pulls: nothing buckles
+      out.push_back({at.shape, at.tip.translation, direction.normalized()});
+    }
+    return out;
+  }();
+  return all;
+}
+
+// Free length of a muscle at a fraction of its range, also beyond it, where differences go.
+double lengthAt(int i, double fraction) {
+  const model::Actuator& muscle = horizontalArm().arm().actuator(i);
+  const double rest = muscle.contraction.restLength();
+  return rest + fraction * (muscle.contraction.lengthInside(muscle.limits.upper) - rest);
+}
+
+// Lengths as fractions of their ranges. @return the cost.
+double solveByCeres(ceres::CostFunction* cost, double* fraction) {
+  ceres::Problem problem;
+  problem.AddResidualBlock(cost, nullptr, fraction);
+  for (int i = 0; i < kMuscles; ++i) {
+    problem.SetParameterLowerBound(fraction, i, 0.0);
+    problem.SetParameterUpperBound(fraction, i, 1.0);
+  }
+  ceres::Solver::Options options;
+  options.linear_solver_type = ceres::DENSE_QR;
+  options.max_num_iterations = 50;
+  options.logging_type = ceres::SILENT;
+  ceres::Solver::Summary summary;
+  ceres::Solve(options, &problem, &summary);
+  return summary.final_cost;
+}
+
+// ---- a shape ------------------------------------------------------------------------------------
+
+// The wrenches at the middle of each piece, those required once.
+struct ShapeResidual {
+  std::vector<Vector6> required, twists;
+
+  explicit ShapeResidual(const Case& one) {
+    const Load& load = *horizontalArm().load();
+    for (int j = 0; j < kPlaces; ++j) {
+      lie::SE3 at;
+      for (int i = 0; i < j; ++i) at = one.shape.beyond(at, i);
+      at = at * lie::SE3::exp(0.5 * one.shape.pieces().col(j));
+      Vector3d force = Vector3d::Zero(), moment = Vector3d::Zero();
+      lie::SE3 X;
+      for (int i = 0; i < kPlaces; ++i) {
+        const double part = i < j ? 0.0 : i == j ? 0.5 : 1.0;
+        const lie::SE3 middle =
+            X * lie::SE3::exp((i == j ? 0.75 : 0.5) * one.shape.pieces().col(i));
+        const Vector3d weight = part / kPlaces * load.mass[0] * load.gravity;
+        force += weight;
+        moment += (middle.translation - at.translation).cross(weight);
+        X = one.shape.beyond(X, i);
+      }
+      const Vector3d hung = load.forceOf(load.points[0]);
+      force += hung;
+      moment += (X.translation - at.translation).cross(hung);
+      Vector6 wrench;
+      wrench << at.rotation.transpose() * force, at.rotation.transpose() * moment;
+      required.push_back(wrench);
+      twists.push_back(kPlaces * one.shape.pieces().col(j));
+    }
+  }
+
+  bool operator()(const double* fraction, double* residual) const {
+    const model::Arm& arm = horizontalArm().arm();
+    const double per_strain = horizontalArm().load()->K_eps[0] / arm.freeLength(0);
+    for (int j = 0; j < kPlaces; ++j) {
+      Vector6 sum = Vector6::Zero();
+      for (int i = 0; i < kMuscles; ++i) {
+        const model::Actuator& muscle = arm.actuator(i);
+        const lie::Matrix6 seen = muscle.X_O.inverse().adjoint();
+        Vector6 strain = seen * twists[j];
+        strain[0] -= lengthAt(i, fraction[i]);
+        sum += seen.transpose() * muscle.stiffness.diagonal<lie::SE3>().cwiseProduct(strain);
+      }
+      Vector6::Map(residual + 6 * j) = per_strain * sum - required[j];
+      Vector3d::Map(residual + 6 * j + 3) /= 0.0254;
+    }
+    return true;
+  }
+};
+
+void attain(::benchmark::State& state) {
+  const AttainSolver solver(horizontalArm().arm(), *horizontalArm().load());
+  std::size_t i = 0;
+  for (auto _ : state) {
+    ::benchmark::DoNotOptimize(solver.attain(cases()[i++ % kCases].shape));
+  }
+}
+BENCHMARK(attain);
+
+void attainOfPeer(::benchmark::State& state) {
+  using Cost = ceres::NumericDiffCostFunction<ShapeResidual, ceres::CENTRAL, 6 * kPlaces, kMuscles>;
+  std::size_t i = 0;
+  for (auto _ : state) {
+    double fraction[] = {0.5, 0.5, 0.5};
+    ::benchmark::DoNotOptimize(
+        solveByCeres(new Cost(new ShapeResidual(cases()[i++ % kCases])), fraction));
+  }
+}
+BENCHMARK(attainOfPeer);
+
+// ---- a place ------------------------------------------------------------------------------------
+
+struct TipResidual {
+  ArmModel model;
+  Vector3d tip;
+
+  bool operator()(const double* fraction, double* residual) const {
+    const Tip found = model.tipOfLengths(
+        Vector3d(lengthAt(0, fraction[0]), lengthAt(1, fraction[1]), lengthAt(2, fraction[2])));
+    if (!found.converged()) return false;
+    Vector3d::Map(residual) = found.tip.translation - tip;
+    return true;
+  }
+};
+
+// Bisection from the same first bracket, each search from the answer before.
+double payloadByCeres(const Case& one, double tolerance) {
+  using Cost = ceres::NumericDiffCostFunction<TipResidual, ceres::CENTRAL, 3, kMuscles>;
+  double held = 0, beyond = 1;
+  std::vector<double> fraction{0.5, 0.5, 0.5};
+  const auto holds = [&](double force) {
+    Load load = *horizontalArm().load();
+    PointLoad point;
+    point.force = force * one.direction;
+    load.points.push_back(point);
+    std::vector<double> trial = fraction;
+    auto* const residual = new TipResidual{
+        ArmModel(horizontalArm().arm(), std::nullopt, load, TierSetting{Tier::kLoaded, 5}),
+        one.tip};
+    const double cost = solveByCeres(new Cost(residual), trial.data());
+    const bool held_there = std::sqrt(2 * cost) <= tolerance;
+    if (held_there) fraction = trial;
+    return held_there;
+  };
+  while (holds(beyond)) {
+    held = beyond;
+    beyond *= 2;
+  }
+  while (beyond - held > 1e-3 * beyond) {
+    const double middle = 0.5 * (held + beyond);
+    (holds(middle) ? held : beyond) = middle;
+  }
+  return held;
+}
+
+void payload(::benchmark::State& state) {
+  PayloadSolver solver(horizontalArm());
+  std::size_t i = 0;
+  double worst = 0;
+  for (auto _ : state) {
+    const Case& one = cases()[i++ % kCases];
+    solver.moveTo(one.tip);
+    const double force = solver.along(one.direction).force;
+    state.PauseTiming();
+    if (i <= kCases) {
+      const double peer = payloadByCeres(one, solver.positionTolerance());
+      worst = std::max(worst, 100 * (peer - force) / force);
+    }
+    state.ResumeTiming();
+  }
+  state.counters["missed_percent"] = worst;
+}
+BENCHMARK(payload)->Unit(::benchmark::kMillisecond);
+
+void payloadOfPeer(::benchmark::State& state) {
+  const double tolerance = PayloadSolver(horizontalArm()).positionTolerance();
+  std::size_t i = 0;
+  for (auto _ : state) {
+    ::benchmark::DoNotOptimize(payloadByCeres(cases()[i++ % kCases], tolerance));
+  }
+}
+BENCHMARK(payloadOfPeer)->Unit(::benchmark::kMillisecond);
+
+}  // namespace
+}  // namespace helix_arm::benchmark
