@@ -66,7 +66,7 @@ class Driver {
     const double parts = std::ceil(dt / moving_.config().step - kSameTime);
     const double count = std::max(1.0, parts);
     for (double i = 0; i < count; ++i) {
-      // What lags takes the mean, which makes an error of second order.
+      // A lag takes the mean, which makes an error of second order.
       input_ = from + (i + 0.5) / count * (to - from);
       response_.step(input_, dt / count);
       input_ = response_.effective();

@@ -11,7 +11,7 @@ namespace {
 constexpr int kMostIterations = 25;
 constexpr double kTolerance = 1e-7;
 constexpr double kNoMotion = 1e-15;  // energy of a change of rate below which nothing moves [J]
-// Of a step's energy, what corrects the balance at most.
+// Largest correction of the balance, of a step's energy.
 constexpr double kMostCorrection = 0.1;
 // Search for the rest: iterations, step of differences [m, rad], relative change at its end.
 constexpr int kMostSearch = 300;

@@ -242,7 +242,7 @@ std::vector<typename MovingArmOf<Group>::Mark> MovingArmOf<Group>::marksOf(
 
 template <class Group>
 struct MovingArmOf<Group>::Terms::Memory {
-  // What is found at a mark.
+  // Quantities at a mark.
   struct Node {
     Group X;                         // seen from the section's base
     MapOf<Group> L[kMostOrder + 1];  // body velocity by the rates of the section's coordinates

@@ -24,7 +24,7 @@ struct InputSeries {
       input;
 };
 
-/// What a motion took, and where its energy went.
+/// Steps of a motion, and where its energy went.
 struct MotionSummary {
   long steps = 0;
   Energy energy;

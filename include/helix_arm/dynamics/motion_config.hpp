@@ -13,7 +13,7 @@ struct StrainTimes {
   double stretch = 0.0, shear = 0.0, twist = 0.0, bend = 0.0;
 };
 
-/// What an arm's motion takes besides its statics.
+/// Properties of an arm that its motion takes besides its statics.
 struct MotionConfig {
   StrainTimes damping;
   /// Radius of inertia r of a section about its axis, > 0 [m]; by default the mean distance of its
