@@ -21,8 +21,6 @@ constexpr Eigen::Index kLeastRows = 50;      // with a position
 constexpr double kReached = 0.9;             // of a curve's range of pressures, by the series
 constexpr double kLeastMotion = 0.002, kMostMotion = 20.0;  // of the tip, RMS, of the arm's length
 constexpr int kRounds = 3;                                  // of noise and fit
-constexpr int kMostRounds = 3;                              // of choices
-constexpr char kGrowth[] = "K_kappa against pressure", kLagAndSlow[] = "lag and slow state";
 constexpr double kByChance = 0.02;
 constexpr double kSignificant = 1.0;  // standard errors
 constexpr double kLeastGain = 0.02;   // of the error, for which a part is worth its numbers
@@ -70,7 +68,7 @@ struct Fitted {
   Eigen::MatrixXd without;  // (blocks x numbers) z without each block
 };
 
-// The fit in its steps.
+// The fit in its steps, from a base that is chosen first.
 class SeriesJob {
  public:
   SeriesJob(const SeriesPrior& prior, const SeriesRecording& recording,
@@ -80,11 +78,13 @@ class SeriesJob {
         options_(options),
         X_FB_(prior.X_BF.inverse()),
         blocks_(recording.trial_at, recording.trials),
-        few_(everyNth((recording.used.size() + kMostChoosing - 1) / kMostChoosing)) {}
+        few_(everyNth((recording.used.size() + kMostChoosing - 1) / kMostChoosing)) {
+    if (options_.arm.base) chooseBase();
+  }
 
-  SeriesFit run() {
+  SeriesFit run() const {
     SeriesFit out;
-    if (options_.arm.base) chooseBase(out);
+    if (!base_rule_.empty()) out.rules.push_back(base_rule_);
     Fitted best = withAllParts();
     dropParts(best, out);
     const std::vector<bool> all(few_.size(), true);
@@ -102,9 +102,7 @@ class SeriesJob {
     double error, turn_error;  // RMS of the positions about the trials' offsets [m], and [rad]
     Rotations R_FT;            // (used)
   };
-  Motion motion() {
-    SeriesFit unused;
-    if (options_.arm.base) chooseBase(unused);
+  Motion motion() const {
     const Rough rough = roughFit(X_FB_, {});
     const SeriesProblem problem(prior_, recording_, options_, {}, X_FB_);
     const Eigen::MatrixXd about = recording_.aboutOffsets(problem.deviationAt(rough.z));
@@ -305,7 +303,7 @@ class SeriesJob {
   // The scene's base, or one that the motion tells: frames of motion capture have any axes. What a
   // response explains can hide which one is right, so those that come near are fitted with one; of
   // those that fit alike, the nearest to the scene's is taken.
-  void chooseBase(SeriesFit& out) {
+  void chooseBase() {
     const SeriesProblem problem(prior_, recording_, options_, {}, X_FB_);
     std::vector<Rough> found;
     for (const Eigen::Matrix3d& axes : quarterTurns()) {
@@ -324,10 +322,10 @@ class SeriesJob {
     }
     const SeriesForm form = wholeForm();
     for (Rough& one : rivals) one = roughFit(one.start, form);
-    takeBase(rivals, out);
+    takeBase(rivals);
   }
 
-  void takeBase(const std::vector<Rough>& rivals, SeriesFit& out) {
+  void takeBase(const std::vector<Rough>& rivals) {
     const double length = prior_.model.arm().restLength();
     const auto scoreOf = [&](const Rough& one) {
       const Eigen::Vector3d moved = one.X_FB.translation - X_FB_.translation;
@@ -339,10 +337,10 @@ class SeriesJob {
     if (scoreOf(rivals.front()) <= scoreOf(*best) + kSceneBase) return;
     X_FB_ = best->start;
     const double turned = (prior_.X_BF * X_FB_).log().tail<3>().norm();
-    out.rules.push_back(basics::messageOf(
+    base_rule_ = basics::messageOf(
         "base: the frame of the positions is turned by about ", std::round(turned * 180 / M_PI),
         " deg against that of the scene: found from the motion, to within an exchange of the axes "
-        "that fits as well"));
+        "that fits as well");
   }
 
   bool isNear(const Rough& a, const Rough& b) const {
@@ -474,7 +472,8 @@ class SeriesJob {
   const SeriesPrior& prior_;
   const SeriesRecording& recording_;
   const SeriesOptions& options_;
-  lie::SE3 X_FB_;
+  lie::SE3 X_FB_;                // where fits start
+  std::string base_rule_;        // of a base that is not the scene's
   const Blocks blocks_;          // of the used rows
   const std::vector<bool> few_;  // (used) that choices use
 };
@@ -569,36 +568,33 @@ SeriesPrior mirrored(const SeriesPrior& prior) {
           prior.X_BF, prior.R_TM, prior.p_TM, prior.beam};
 }
 
-// Whether positions alone, whose base is found from them, show that the actuators follow each other
-// around the arm in the other sense.
-bool showOtherSense(const SeriesPrior& prior, const SeriesRecording& recording,
-                    const SeriesOptions& options) {
-  const bool is_planar = prior.model.choice().setting.tier == statics::Tier::kPlanar;
-  if (is_planar || !options.arm.base) return false;
-  const double error = SeriesJob(prior, recording, options).motion().error;
-  return SeriesJob(mirrored(prior), recording, options).motion().error < kOther * error;
+bool isPlanar(const SeriesPrior& prior) {
+  return prior.model.choice().setting.tier == statics::Tier::kPlanar;
 }
 
 // Mistake that orientations look like if they contradict the positions; empty if both are of one
 // tip.
+// @param free  the motion by positions alone. @param both  with orientations.
 std::string contradictionOf(const SeriesPrior& prior, const SeriesRecording& recording,
-                            const SeriesOptions& options) {
-  SeriesRecording alone = recording;
-  alone.lever = 0;
-  const SeriesJob::Motion free = SeriesJob(prior, alone, options).motion();
+                            const SeriesOptions& options, const SeriesJob::Motion& free,
+                            const SeriesJob::Motion& both) {
   const double usual = std::hypot(free.error, kUsualError * prior.model.arm().restLength());
   const Rotations seen = recording.rotations();
-  const auto explains = [&](const SeriesPrior& arm) {
-    const SeriesJob::Motion both = SeriesJob(arm, recording, options).motion();
-    return both.error <= kMostLoss * usual && both.turn_error <= kMostUnexplained * spreadOf(seen);
+  const auto isOne = [&](const SeriesJob::Motion& motion) {
+    return motion.error <= kMostLoss * usual &&
+           motion.turn_error <= kMostUnexplained * spreadOf(seen);
   };
-  if (explains(prior)) return {};
-  if (prior.R_TM && explains({prior.model, prior.X_BF})) {
+  const auto explains = [&](const SeriesPrior& arm) {
+    return isOne(SeriesJob(arm, recording, options).motion());
+  };
+  if (isOne(both)) return {};
+  SeriesPrior unturned = prior;
+  unturned.R_TM.reset();
+  if (prior.R_TM && explains(unturned)) {
     return "their body is turned otherwise than motion_capture.body_rpy_deg of the scene says; "
            "remove that key to find its rotation anew";
   }
-  const bool is_planar = prior.model.choice().setting.tier == statics::Tier::kPlanar;
-  if (!is_planar && explains(mirrored(prior))) return kOtherSense;
+  if (!isPlanar(prior) && explains(mirrored(prior))) return kOtherSense;
   return faultOfOrientations(free.R_FT, seen);
 }
 
@@ -612,14 +608,22 @@ SeriesFit fitSeries(const SeriesPrior& prior, const TipSeries& series,
     one.free &= options.curve.empty() || one.name == options.curve;
   refused.failure = faultOf(prior, recording, options);
   if (!refused.failure.empty()) return refused;
-  std::string fault;
-  if (recording.lever > 0) fault = contradictionOf(prior, recording, options);
-  if (!fault.empty()) recording.lever = 0;
-  SeriesFit out = SeriesJob(prior, recording, options).run();
-  out.orientation_fault = fault;
-  if (recording.lever == 0 && fault.empty() && showOtherSense(prior, recording, options)) {
-    out.order_fault = kOtherSense;
+  SeriesRecording alone = recording;
+  alone.lever = 0;
+  const SeriesJob positions(prior, alone, options);
+  if (recording.lever == 0) {
+    SeriesFit out = positions.run();
+    if (isPlanar(prior) || !options.arm.base) return out;
+    const SeriesPrior mirror = mirrored(prior);
+    if (SeriesJob(mirror, alone, options).motion().error < kOther * positions.motion().error)
+      out.order_fault = kOtherSense;
+    return out;
   }
+  const SeriesJob poses(prior, recording, options);
+  const std::string fault =
+      contradictionOf(prior, recording, options, positions.motion(), poses.motion());
+  SeriesFit out = (fault.empty() ? poses : positions).run();
+  out.orientation_fault = fault;
   return out;
 }
 

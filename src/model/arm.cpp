@@ -83,12 +83,10 @@ struct Equations {
   using Tangent = typename Group::Tangent;
   using Matrix = typename Group::Matrix;
   Tangent S = Tangent::Ones(), D_l = Tangent::Zero();
-  Matrix A = Matrix::Zero();
+  Eigen::LDLT<Matrix> A;
 
-  Tangent twist() const { return S.cwiseProduct(Tangent(Eigen::LDLT<Matrix>(A).solve(D_l))); }
-  Matrix compliance() const {
-    return S.asDiagonal() * Eigen::LDLT<Matrix>(A).solve(Matrix(S.asDiagonal()));
-  }
+  Tangent twist() const { return S.cwiseProduct(Tangent(A.solve(D_l))); }
+  Matrix compliance() const { return S.asDiagonal() * A.solve(Matrix(S.asDiagonal())); }
 };
 
 // @param bending  factor on K_kappa.
@@ -105,15 +103,17 @@ Equations<Group> equationsOf(const std::vector<ActuatorOf<Group>>& actuators, in
     offset = std::max(offset, actuators[i].X_O.translation.norm());
   }
   if (offset > 0) out.S.template tail<Group::kRotations>().setConstant(1.0 / offset);
+  Matrix A = Matrix::Zero();
   for (int i = begin; i < end; ++i) {
     const Matrix M = actuators[i].X_O.inverse().adjoint() * out.S.asDiagonal();
     Stiffness stiffness = actuators[i].stiffness;
     stiffness.kappa *= bending;
     const Tangent K =
         (factors != nullptr ? (*factors)[i] : 1.0) * stiffness.template diagonal<Group>();
-    out.A += M.transpose() * K.asDiagonal() * M;
+    A += M.transpose() * K.asDiagonal() * M;
     out.D_l += K[0] * lengths[i] * M.row(0).transpose();
   }
+  out.A.compute(A);
   return out;
 }
 

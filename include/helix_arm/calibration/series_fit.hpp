@@ -57,7 +57,7 @@ struct SeriesOptions {
 
 /// A part of the model that is kept where it predicts what was left out.
 struct Choice {
-  /// "lag", "slow state", "play", "length scales", "strokes" or "K_kappa against pressure".
+  /// Such as "lag", "play", "phases", "place of the body" or "K_kappa against pressure".
   std::string part;
   bool kept = false;
   /// By how much the RMS error of what was left out falls, about the trials' offsets: the mean of

@@ -12,6 +12,7 @@
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/statics/arm_model.hpp"
 #include "helix_arm/statics/correction.hpp"
+#include "helix_arm/statics/inverse.hpp"
 
 namespace helix_arm::statics {
 
@@ -49,6 +50,22 @@ class LengthBox {
   /// (n) [m]
   const Eigen::VectorXd& lower() const { return lower_; }
   const Eigen::VectorXd& upper() const { return upper_; }
+
+  /// Whether a least-squares cost would fall, by kHeld of it at least, if length i could go beyond
+  /// its bound.
+  /// @param column  derivative of the residual by it.
+  template <class Column, class Residual>
+  bool holds(int i, double length, const Column& column, const Residual& residual,
+             double cost) const {
+    constexpr double kHeld = 1e-3;
+    const double slope = column.dot(residual);
+    const bool outwards = (length <= lower_[i] && slope > 0) || (length >= upper_[i] && slope < 0);
+    return outwards && slope * slope > kHeld * column.squaredNorm() * cost;
+  }
+  /// The limit of input i that is nearer to q.
+  Limit nearestLimit(int i, double q) const {
+    return q - limits(i).lower < limits(i).upper - q ? Limit::kLower : Limit::kUpper;
+  }
 
   /// Inputs (n) that give lengths (n) [m] inside the box.
   /// @param input  initial guesses, replaced by the result.

@@ -28,7 +28,6 @@ constexpr double kLengthWeight =
 constexpr int kMostSteps = 60;  // per start
 constexpr double kLengthAtRest = 1e-9;  // relative to the range of a length
 constexpr double kLeastSectionDamping = 1e-6, kMostSectionDamping = 1e6, kDampingStep = 6.0;
-constexpr double kReleased = 1e-3;  // of the cost, which a limit has to keep in order to be named
 
 /// A force and its moment about the base's origin, base frame.
 struct Wrench {
@@ -140,6 +139,8 @@ class SectionBalance {
 
   bool isLinear() const { return table_.empty() && bending_.empty(); }
   int size() const { return n_; }
+  const LengthBox& box() const { return box_; }
+  int first() const { return first_; }
   double lower(int i) const { return box_.lower()[first_ + i]; }
   double upper(int i) const { return box_.upper()[first_ + i]; }
   int rows() const { return 6 * static_cast<int>(places_.size()); }
@@ -277,10 +278,8 @@ class SectionSearch {
 
   /// Whether less would be missing if actuator i could go beyond the bound at which it is.
   bool isHeld(int i) const {
-    const double slope = jacobian_.col(i).dot(residual_), curve = jacobian_.col(i).squaredNorm();
-    const bool outwards = (lengths[i] <= balance_.lower(i) && slope > 0) ||
-                          (lengths[i] >= balance_.upper(i) && slope < 0);
-    return outwards && slope * slope > kReleased * curve * residual_.squaredNorm();
+    return balance_.box().holds(balance_.first() + i, lengths[i], jacobian_.col(i), residual_,
+                                residual_.squaredNorm());
   }
 
  private:
@@ -408,9 +407,8 @@ Attainment AttainSolver::attain(const model::Shape& shape,
     out.input.segment(first, balance.size()) = balance.inputsOf(search.lengths);
     for (int i = 0; i < balance.size(); ++i) {
       if (!search.isHeld(i)) continue;
-      const model::Range& limits = arm_.actuator(first + i).limits;
-      const bool low = out.input[first + i] - limits.lower < limits.upper - out.input[first + i];
-      out.limits[static_cast<std::size_t>(first + i)] = low ? Limit::kLower : Limit::kUpper;
+      out.limits[static_cast<std::size_t>(first + i)] =
+          box.nearestLimit(first + i, out.input[first + i]);
     }
     if (size <= out.residual) continue;
     out.residual = size;

@@ -10,6 +10,7 @@
 
 #include "basics/fraction.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/statics/attain.hpp"
 #include "helix_arm/statics/jacobian.hpp"
 #include "helix_arm/statics/stiffness_by_input.hpp"
 #include "statics/inverse/box_levenberg_marquardt.hpp"
@@ -26,13 +27,10 @@ constexpr int kDescent = 40;          // iterations per force and start
 constexpr int kOtherStarts = 10;      // two of equal inputs, the others drawn within the limits
 constexpr double kBeyond = 1.01;      // the force that other starts have to hold to be taken
 constexpr double kLeastForce = 1e-9;  // of the largest, below which none counts as held
-constexpr double kNamed = 1e-3;       // of the cost, which a limit has to keep in order to be named
 
 PointLoad tipLoad(const model::Arm& arm, const Eigen::Vector3d& force,
                   const Eigen::Vector3d& moment) {
-  PointLoad out;
-  out.section = arm.sectionCount() - 1;
-  out.offset = arm.link(out.section).translation;
+  PointLoad out = placeAt(arm, arm.sectionCount());
   out.force = force;
   out.moment = moment;
   return out;
@@ -215,14 +213,9 @@ class PayloadSolver::Search {
     const Eigen::VectorXd residual = point.residual.head<3>();
     for (int i = 0; i < point.lengths.size() && out.end != PayloadEnd::kUnstable; ++i) {
       const auto column = point.jacobian.col(i).head<3>();
-      const double slope = column.dot(residual);
-      const bool outwards = (point.lengths[i] <= box_.lower()[i] && slope > 0) ||
-                            (point.lengths[i] >= box_.upper()[i] && slope < 0);
-      if (!outwards || slope * slope < kNamed * column.squaredNorm() * point.cost) continue;
-      const model::Range& limits = arm().actuator(i).limits;
+      if (!box_.holds(i, point.lengths[i], column, residual, point.cost)) continue;
       const double q = model::nearestInput(arm().actuator(i), point.lengths[i]).q;
-      out.limits[static_cast<std::size_t>(i)] =
-          q - limits.lower < limits.upper - q ? Limit::kLower : Limit::kUpper;
+      out.limits[static_cast<std::size_t>(i)] = box_.nearestLimit(i, q);
       out.end = PayloadEnd::kLimits;
     }
   }
