@@ -357,7 +357,7 @@ TEST(Attain, RefusesOtherShapesAndTolerances) {
   test::expectRefusal("one per section", [&] { AttainSolver(arm, test::weightless(2, 900)); });
   const AttainSolver solver(arm, load);
   test::expectRefusal("2 sections; the arm has 1",
-                      [&] { solver.attain(model::Shape(model::Twists(6, 2))); });
+                      [&] { solver.attain(model::Shape(model::Twists::Zero(6, 2))); });
 }
 
 // ---- payload ------------------------------------------------------------------------------------
