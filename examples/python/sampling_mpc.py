@@ -1,9 +1,12 @@
 #!/usr/bin/env python3
-"""Sampling model predictive control on the batch: in every step thousands of pressure sequences are drawn about the last plan,
-computed at once, and averaged by how well they do (MPPI). The true arm is softer and longer than the model, so its tip is off by
-what the model does not know; a measured offset of the tip removes that.
+"""Sampling model predictive control of an arm that swings: in every step hundreds of pressure sequences are drawn about the last
+plan, moved by the arm's equations of motion, and averaged by how well they do (MPPI). The closed loop brings the same arm to the
+same tip; both settling times are printed, until the tip stays within 2 mm + 5 % of the step.
 
-usage: sampling_mpc.py [SCENE] [--steps N] [--samples M]
+The true arm is 5 % stiffer in bending than the model, and its tip is measured with 0.3 mm of noise. The controller never sees the
+true state: its own arm follows the same commands, and the offset of the measured from the modelled tip moves the target.
+
+usage: sampling_mpc.py [--samples N] [--png FILE]
 """
 import argparse
 
@@ -12,55 +15,93 @@ import numpy as np
 
 STEP_S = 0.05
 LAG_S = 0.15  # of the valves
-HORIZON = 8
-SPREAD_PA = 2e4
-TEMPERATURE_M2 = 1e-5
+HORIZON = 14
+SECONDS = 3.0
+SPREAD_PA = 3e4
+TEMPERATURE_M2 = 2e-5
+NOISE_M = 3e-4
+OFFSET_GAIN = 0.3
+# 1.5 Hz with a damping ratio of 0.05: masses and stiffness, whose ratio counts, and weight that hangs in balance.
+SWINGING = {"arm.stiffness.K_eps_n": 300, "load": {"mass_kg": 1.2, "gravity_m_s2": [0, 0, 0]},
+            "dynamics": {"damping_s": {"stretch": 0.0106, "shear": 0.0106, "twist": 0.0106, "bend": 0.0106}, "step_s": 0.01}}
+LOOP = {"simulation.arm": {"K_kappa_scale": 1.05, "dynamics": {}}}
+STIFFER = {"arm.stiffness.K_kappa_m2": 1.05 * 9.8e-5}
 
 
-def pressures_after(pressures, commands):
-    """First-order lag of the valves, one step."""
-    return commands + (pressures - commands) * np.exp(-STEP_S / LAG_S)
+def settling_time(times, errors):
+    """When the error is within 2 mm + 5 % of the first one for good [s]; NaN if never."""
+    outside = np.flatnonzero(errors > 2e-3 + 0.05 * errors[0])
+    if len(outside) == 0:
+        return 0.0
+    return times[outside[-1] + 1] - times[0] if outside[-1] + 1 < len(times) else np.nan
+
+
+def lagged(pressures, commands):
+    """Pressures behind the valves at the end of each step (samples, horizon, n), from the present ones (n,)."""
+    keep, state, out = np.exp(-STEP_S / LAG_S), pressures, np.empty_like(commands)
+    for k in range(commands.shape[1]):
+        state = out[:, k] = commands[:, k] + (state - commands[:, k]) * keep
+    return out
+
+
+def mpc(model, true_arm, wanted, samples):
+    """Times and errors of the true tip under model predictive control, from rest without pressure."""
+    random = np.random.default_rng(1)
+    lower, upper = model.limits_pa.T
+    slew = 5e5 * STEP_S  # as safety.slew_kpa_s of the scene
+    pressures, command = lower.copy(), lower.copy()
+    plan = np.tile(command, (HORIZON, 1))
+    plant, own = true_arm.dynamics(pressures), model.dynamics(pressures)
+    offset, times, errors = np.zeros(3), [], []
+    horizon_s = STEP_S * np.arange(HORIZON + 1)
+    for step in range(int(SECONDS / STEP_S)):
+        times.append(step * STEP_S)
+        errors.append(np.linalg.norm(plant.tip - wanted))
+        noise = SPREAD_PA * random.standard_normal((samples, HORIZON, len(lower)))
+        noise[0] = 0
+        commands = plan + (noise + np.roll(noise, 1, axis=1)) / 2
+        for k in range(HORIZON):  # within limits and slew rate
+            before = commands[:, k - 1] if k else command
+            commands[:, k] = np.clip(np.clip(commands[:, k], before - slew, before + slew), lower, upper)
+        rows = np.concatenate([np.broadcast_to(pressures, (samples, 1, len(lower))), lagged(pressures, commands)], axis=1)
+        tips = model.motion(rows, horizon_s, start=own.state, threads=0).tips
+        cost = ((tips[:, 1:] + offset - wanted)**2).sum(axis=(1, 2))
+        weights = np.exp(-(cost - cost.min()) / (TEMPERATURE_M2 * HORIZON))
+        plan = np.einsum("s,skn->kn", weights / weights.sum(), commands)
+        command = plan[0]
+        pressures = lagged(pressures, plan[None, :1])[0, 0]
+        plan = np.vstack([plan[1:], plan[-1:]])
+        measured = plant.step(pressures, STEP_S) + NOISE_M * random.standard_normal(3)
+        offset += OFFSET_GAIN * (measured - own.step(pressures, STEP_S) - offset)
+    return np.array(times), np.array(errors)
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("scene", nargs="?", default="helical_50", help="shipped scene or path")
-    parser.add_argument("--steps", type=int, default=120)
-    parser.add_argument("--samples", type=int, default=2000)
+    parser.add_argument("--samples", type=int, default=256)
+    parser.add_argument("--png", help="picture of both errors over time")
     arguments = parser.parse_args()
-
-    model = helix_arm.Scene.load(arguments.scene)
-    K_kappa = 1.1 * 9.8e-5
-    true_arm = helix_arm.Scene.load(arguments.scene, {"arm.stiffness.K_kappa_m2": K_kappa, "arm.stiffness.K_gamma": 80})
-    lower, upper = model.limits_pa.T
-    random = np.random.default_rng(1)
-
-    wanted = model.tips(lower + np.resize([0.6, 0.2, 0.3], len(lower)) * (upper - lower))
-    pressures = lower.copy()
-    plan = np.tile(pressures, (HORIZON, 1))
-    offset = np.zeros(3)  # of the true tip from the model's
-    errors = []
-    for _ in range(arguments.steps):
-        commands = plan + SPREAD_PA * random.standard_normal((arguments.samples, HORIZON, len(lower)))
-        commands[0] = plan
-        commands = np.clip(commands, lower, upper)
-        there = np.empty_like(commands)
-        state = np.broadcast_to(pressures, commands[:, 0].shape)
-        for k in range(HORIZON):
-            state = there[:, k] = pressures_after(state, commands[:, k])
-        tips = model.tips(there.reshape(-1, len(lower)), threads=0).reshape(arguments.samples, HORIZON, 3)
-        cost = ((tips + offset - wanted) ** 2).sum(axis=(1, 2))
-        weights = np.exp(-(cost - cost.min()) / TEMPERATURE_M2)
-        plan = np.einsum("s,skn->kn", weights / weights.sum(), commands)
-
-        pressures = np.clip(pressures_after(pressures, plan[0]), lower, upper)
-        plan = np.vstack([plan[1:], plan[-1:]])
-        true_tip = true_arm.tips(pressures)
-        offset = true_tip - model.tips(pressures)
-        errors.append(np.linalg.norm(true_tip - wanted))
-    last = np.array(errors[-len(errors) // 4:])
-    print(f"{arguments.samples * HORIZON} tips per step; error {1e3 * errors[0]:.1f} mm at first, "
-          f"{1e3 * np.sqrt(np.mean(last**2)):.2f} mm RMS in the last quarter")
+    model = helix_arm.Scene.load("demo", SWINGING)
+    vibration = model.dynamics().linearised([100e3, 50e3, 50e3])
+    print(f"The arm swings at {vibration.frequencies_hz[0]:.2f} Hz, damping ratio {vibration.damping_ratios[0]:.3f}.")
+    wanted = model.tips([200e3, 60e3, 20e3])
+    times, errors = mpc(model, helix_arm.Scene.load("demo", {**SWINGING, **STIFFER}), wanted, arguments.samples)
+    run = helix_arm.Scene.load("demo", {**SWINGING, **LOOP}).follow(wanted, seconds=SECONDS)
+    seen = ~np.isnan(run.wanted_tips[:, 0])
+    loop_times, loop_errors = run.times_s[seen], np.linalg.norm(run.true_tips - wanted, axis=1)[seen]
+    last = errors[-10:]
+    print(f"Settled after {settling_time(times, errors):.2f} s, {1e3 * np.sqrt(np.mean(last**2)):.2f} mm RMS in the last half second; "
+          f"the closed loop after {settling_time(loop_times, loop_errors):.2f} s")
+    if arguments.png:
+        import matplotlib
+        matplotlib.use("Agg")
+        import matplotlib.pyplot as plt
+        axes = plt.figure(figsize=(7, 4)).add_subplot(xlabel="time [s]", ylabel="error of the tip [mm]")
+        axes.plot(times, 1e3 * errors, label="predictive control")
+        axes.plot(loop_times - loop_times[0], 1e3 * loop_errors, label="closed loop")
+        axes.legend()
+        axes.grid(True)
+        axes.figure.savefig(arguments.png, dpi=120)
 
 
 if __name__ == "__main__":

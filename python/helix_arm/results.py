@@ -173,6 +173,19 @@ class Motion(Result):
 
 
 @dataclasses.dataclass(frozen=True)
+class LinearMotion(Result):
+    """Small motions about a rest: x' = A x + B u, tip - `tip` = C x, with x the deviation of the state (2 n,) from `state`."""
+
+    A: np.ndarray  #: (2 n, 2 n) [1/s]
+    B: np.ndarray  #: (2 n, actuators) by the effective pressures [1/(s Pa)]
+    C: np.ndarray  #: (3, 2 n)
+    state: np.ndarray  #: (2, n) coordinates and rates at rest
+    tip: np.ndarray  #: (3,) there, base frame [m]
+    frequencies_hz: np.ndarray  #: natural frequencies of the vibrations, slowest first [Hz]
+    damping_ratios: np.ndarray  #: theirs
+
+
+@dataclasses.dataclass(frozen=True)
 class Fit(Result):
     """Shapes fitted to the tags of N captures. Rows without a fit hold NaN."""
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from helix_arm import _core, arguments, results
 from helix_arm.arguments import require
+from helix_arm.dynamics import ENERGIES, Dynamics, Start, order_and_step, start_of
 
 REST_OFFSET = 0.0005  # of the tip from trial to trial of a series, per axis [m]
 
@@ -154,12 +155,12 @@ class Scene(_core.Scene):
             status = str(status)
         return results.Inverse(reached=status == "reached", status=status, **found)
 
-    def motion(self, pressures_pa: Numbers, times_s: Numbers, *, start: str = "rest", order: Optional[int] = None,
+    def motion(self, pressures_pa: Numbers, times_s: Numbers, *, start: Start = "rest", order: Optional[int] = None,
                step_s: Optional[float] = None, threads: int = 1) -> results.Motion:
         """Motion of the tip while pressures go linearly from row to row; needs load.mass_kg of the scene.
 
         pressures_pa: (T, n), or (rollouts, T, n) within the limits [Pa]. times_s: (T,) ascending [s].
-        start: "rest", in equilibrium under load at the first row, or "straight", at natural length.
+        start: "rest", in equilibrium under load at the first row, "straight", at natural length, or a state (2, n) of Dynamics.
         order: degree of the strain along each section, 0 to 4. step_s: longest step. By default those of the scene's `dynamics`.
         threads: of a batch; 0 for all cores. The result does not depend on it.
         Equations: docs/motion.md. Raises ValueError naming the row that breaks a rule.
@@ -169,15 +170,19 @@ class Scene(_core.Scene):
         pressures, n = _core.array(pressures_pa, "pressures_pa"), len(self.limits_pa)
         fits = pressures.ndim in (2, 3) and pressures.shape[-2:] == (len(times), n)
         require(fits, f"pressures_pa has shape {pressures.shape}; expected ({len(times)}, {n}) or (rollouts, {len(times)}, {n})")
-        require(start in ("rest", "straight"), f"start is {arguments.text(start, 'start')}; expected rest or straight")
         tips, quaternions, energies, steps = self._motion(
-            pressures.reshape(-1, n), times.tolist(), start == "rest",
-            None if order is None else arguments.integer(order, "order", 0, 4),
-            None if step_s is None else arguments.number(step_s, "step_s", 1e-6, 0.1), arguments.threads(threads))
+            pressures.reshape(-1, n), times.tolist(), start_of(start), threads=arguments.threads(threads), **order_and_step(order, step_s))
         if pressures.ndim == 2:
             tips, quaternions, energies, steps = tips[0], quaternions[0], energies[0], int(steps[0])
-        names = ["kinetic", "elastic", "potential", "dissipated", "work"]
-        return results.Motion(times, tips, quaternions, steps, dict(zip(names, np.moveaxis(energies, -1, 0))))
+        return results.Motion(times, tips, quaternions, steps, dict(zip(ENERGIES, np.moveaxis(energies, -1, 0))))
+
+    def dynamics(self, pressures_pa: Optional[Numbers] = None, *, start: Start = "rest", order: Optional[int] = None,
+                 step_s: Optional[float] = None) -> Dynamics:
+        """The arm in motion, step by step, and its small motions; needs load.mass_kg of the scene.
+
+        pressures_pa: (n,) where it starts [Pa]; default: the lower limits. start, order, step_s: as of motion().
+        """
+        return Dynamics(self, self.limits_pa[:, 0] if pressures_pa is None else pressures_pa, start, order, step_s)
 
     def jacobian(self, pressures_pa: Numbers, threads: int = 1, *,
                  by: Union[str, Sequence[str]] = ("pressures", "lengths", "stiffness", "load")) -> results.Jacobian:

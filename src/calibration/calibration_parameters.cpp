@@ -112,6 +112,8 @@ const std::vector<FitParameterInfo>& fitParameters() {
        FitNeed::kFreeLengths},
       {FitParameter::kResponse, "response", "response", FitGroup::kNone, FitNeed::kSeries},
       {FitParameter::kMode, "mode", "mode", FitGroup::kNone, FitNeed::kSeries},
+      {FitParameter::kMass, "mass", "mass", FitGroup::kNone, FitNeed::kSeries},
+      {FitParameter::kDamping, "damping", "damping", FitGroup::kNone, FitNeed::kSeries},
       {FitParameter::kRingRadius, "ring_radius", "ring_radius", FitGroup::kNone, FitNeed::kSeries},
       {FitParameter::kRingPhase, "ring_phase", "ring_phase", FitGroup::kNone, FitNeed::kSeries},
       placement(FitParameter::kBase, "base", "base", FitNeed::kTags, ParameterBlock::kBase,

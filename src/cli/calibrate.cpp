@@ -99,16 +99,24 @@ json responseJson(const std::optional<procedures::FittedResponse>& found) {
           {"rms_m", fit.rms}};
 }
 
-json modeJson(const procedures::FittedMode& found) {
-  json rings = listJson(found.fit.rings, [&found](const estimation::RingDown& ring) -> json {
+json modeJson(const procedures::FittedMode& found,
+              const std::optional<procedures::FittedInertia>& inertia) {
+  std::size_t next = 0;  // of the predictions, of which each release with ringing has one
+  json rings = listJson(found.fit.rings, [&](const estimation::RingDown& ring) -> json {
     const auto trial = static_cast<std::size_t>(ring.trial);
-    return {{"trial", trial < found.trials.size() ? basics::printable(found.trials[trial]) : ""},
-            {"time_s", ring.begin},
-            {"frequency_hz", ring.found() ? estimateJson(ring.frequency) : json()},
-            {"damping", ring.found() ? estimateJson(ring.damping) : json()},
-            {"rms_m", ring.rms},
-            {"rows", ring.rows},
-            {"reason", textOrNull(ring.reason)}};
+    json out{{"trial", trial < found.trials.size() ? basics::printable(found.trials[trial]) : ""},
+             {"time_s", ring.begin},
+             {"frequency_hz", ring.found() ? estimateJson(ring.frequency) : json()},
+             {"damping", ring.found() ? estimateJson(ring.damping) : json()},
+             {"rms_m", ring.rms},
+             {"rows", ring.rows},
+             {"reason", textOrNull(ring.reason)}};
+    if (inertia && ring.found()) {
+      const dynamics::Vibration& predicted = inertia->fit.predicted[next++];
+      out["predicted_frequency_hz"] = predicted.frequency;
+      out["predicted_damping"] = predicted.damping;
+    }
+    return out;
   });
   const bool fitted = found.fit.fitted();
   return {{"frequency_hz", fitted ? estimateJson(found.fit.frequency) : json()},
@@ -253,7 +261,7 @@ json reportOf(const io::Scene& scene, const procedures::CalibrationOutcome& outc
                                       {"initial", one.initial},
                                       {"unit", one.unit}};
   }
-  if (outcome.mode) result["mode"] = modeJson(*outcome.mode);
+  if (outcome.mode) result["mode"] = modeJson(*outcome.mode, outcome.inertia);
   if (outcome.series && outcome.success) result["series"] = seriesJson(*outcome.series);
   if (outcome.calibration) {
     const Calibration& calibration = *outcome.calibration;
@@ -503,8 +511,9 @@ Subcommand addCalibrate(CLI::App& app) {
       R"(json: tip_error_before_m and tip_error_after_m (median over the captures with tags),
 parameters {name: {value, standard_error, identifiable, initial, unit}},
 combinations [{name, value, relative_error, identifiable, exponents}] of stiffness,
-response, mode (if asked for: frequency_hz, damping, releases [{trial, time_s,
-frequency_hz, damping, rms_m, rows, reason}]), correlation, rms, held_out_error (each pressure predicted by a fit without it) with
+response, mode (if mode, mass or damping is asked for: frequency_hz, damping, releases
+[{trial, time_s, frequency_hz, damping, rms_m, rows, reason; with mass or damping also
+predicted_frequency_hz and predicted_damping of the fitted arm}]), correlation, rms, held_out_error (each pressure predicted by a fit without it) with
 error_unit, suspects [{cause, where, explains, remedy}] (what usually explains a fit that stays
 beyond its noise, best first), held_out {by_pressure, by_arm}, contractions, arms [{name, captures}],
 next_pressures_pa (most informative pressures to measure next), warnings, out, reason

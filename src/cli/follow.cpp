@@ -200,6 +200,12 @@ json reportOf(const FollowReport& report) {
            {"steady_rms_m", figures.steady_rms},
            {"settle_s", settle},
            {"unreachable", figures.unreachable},
+           {"limit", listJson(figures.limits,
+                              [&](const auto& limits) {
+                                return limits.empty()
+                                           ? json()
+                                           : textOrNull(limitsText(report.scene.arm, limits));
+                              })},
            {"states", states},
            {"alarms", alarmsJson(report.result)},
            {"suspects", suspectsJson(report.result.suspects)},
@@ -239,10 +245,11 @@ json shownOf(const FollowReport& report, json shown) {
   for (std::size_t k = 0; k < figures.steady_rms.size(); ++k) {
     tips.push_back({{"name", "tip " + std::to_string(k + 1)},
                     {"unreachable", shown["unreachable"][k]},
+                    {"limit", shown["limit"][k]},
                     {"steady_rms_m", shown["steady_rms_m"][k]},
                     {"settled_s", shown["settle_s"][k]}});
   }
-  for (const char* key : {"open", "unreachable", "steady_rms_m", "settle_s", "suspects"}) {
+  for (const char* key : {"open", "unreachable", "limit", "steady_rms_m", "settle_s", "suspects"}) {
     shown.erase(key);
   }
   if (report.result.uncalibrated_tags.empty()) shown.erase("uncalibrated_tags");
@@ -492,7 +499,8 @@ json: scene, rig (file, or null), plant (command, or null), seed, sight, open, s
 figures, or none of a closed loop; first the first suspect, also where the loop is not closed at the end), path_rms_m and path_max_m (from the path's start to its end; null without),
 last_turn_rms_m (of a closed path, null otherwise),
 steady_rms_m (of each tip's last second), settle_s (of each tip: time until within 2 mm +
-5 % of the step for good, null if never), unreachable (of each tip: true or false), states
+5 % of the step for good, null if never), unreachable (of each tip: true or false), limit
+(of each tip: actuators at a limit at its end, as "muscle_1 upper"), states
 [{time_s, state}], alarms [{time_s, onset_s, force_n, covariance}] (contacts that no suspect explains), suspects
 [{cause, where, explains, remedy}] (why the arm does not move as the scene says, best first: channels
 exchanged or dead, wrong pressures, a camera that has moved), base_moved (null, or when, how

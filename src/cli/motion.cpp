@@ -2,6 +2,7 @@
 #include <iostream>
 #include <memory>
 #include <sstream>
+#include <stdexcept>
 
 #include "arguments.hpp"
 #include "command.hpp"
@@ -34,7 +35,8 @@ struct Motion {
   std::vector<double> time;
   std::vector<lie::SE3> tip;
   dynamics::MotionSummary summary;
-  double seconds;  // that it took
+  json vibrations;  // of small motions at the last pressures, slowest first; null without a rest
+  double seconds;   // that it took
 };
 
 dynamics::InputSeries seriesOf(const io::Scene& scene, const io::DataSet& data) {
@@ -63,6 +65,17 @@ std::vector<double> timesOf(const dynamics::InputSeries& series, double every) {
   return times;
 }
 
+json vibrationsAt(const dynamics::ArmMotion& arm, const Eigen::VectorXd& input) {
+  try {
+    return listJson(dynamics::vibrationsOf(arm.linearisedAt(input)),
+                    [](const dynamics::Vibration& one) -> json {
+                      return {{"frequency_hz", one.frequency}, {"damping", one.damping}};
+                    });
+  } catch (const std::runtime_error&) {  // an arm that falls for ever has no rest
+    return nullptr;
+  }
+}
+
 Motion move(const io::Scene& scene, const MotionArguments& arguments,
             const dynamics::InputSeries& series) {
   dynamics::MotionConfig config = scene.dynamics;
@@ -86,6 +99,7 @@ Motion move(const io::Scene& scene, const MotionArguments& arguments,
         return !interrupted();
       });
   motion.seconds = regulator::steadyNow() - begin;
+  motion.vibrations = vibrationsAt(arm, series.input.row(series.input.rows() - 1));
   return motion;
 }
 
@@ -120,6 +134,7 @@ json reportOf(const io::Scene& scene, const MotionArguments& arguments, const Mo
                 {"dissipated", energy.dissipated},
                 {"work", energy.work}}},
               {"tip", toJson(motion.tip.back())},
+              {"vibrations", motion.vibrations},
               {"out", textOrNull(arguments.out)},
               {"png", textOrNull(arguments.png)}};
   return report;
@@ -190,8 +205,9 @@ Subcommand addMotion(CLI::App& app) {
 json: scene, order, step_s, start, rows, duration_s, real_time_factor (of the time moved
 over that of the computation), steps, energy_j {kinetic, elastic, potential (since the
 start), dissipated, work (of the actuators, with the elastic energy at the start)} at the
-end, where kinetic + elastic + potential + dissipated = work, tip, out, png (null if
-absent). text, csv: the motion; with --out a summary. Progress is printed on stderr.)");
+end, where kinetic + elastic + potential + dissipated = work, tip, vibrations
+[{frequency_hz, damping}] (of small motions about the rest at the last pressures, slowest
+first; null if there is none), out, png (null if absent). text, csv: the motion; with --out a summary. Progress is printed on stderr.)");
   return {command, [arguments](const GlobalOptions& global) { return run(*arguments, global); }};
 }
 

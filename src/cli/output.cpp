@@ -136,6 +136,16 @@ std::string pressureText(const model::Arm& arm, const Eigen::VectorXd& pressure,
 
 json readingsJson(const Eigen::VectorXd& pressure) { return listJson(pressure, finite); }
 
+std::string limitsText(const model::Arm& arm, const std::vector<statics::Limit>& limits) {
+  std::vector<std::string> parts;
+  for (int i = 0; i < arm.actuatorCount(); ++i) {
+    const statics::Limit limit = limits[static_cast<std::size_t>(i)];
+    if (limit == statics::Limit::kNone) continue;
+    parts.push_back(arm.actuator(i).name + (limit == statics::Limit::kLower ? " lower" : " upper"));
+  }
+  return basics::joined(parts);
+}
+
 void addInputs(const model::Arm& arm, const Eigen::VectorXd& inputs, json& result) {
   json units = json::array();
   bool pressures = true;

@@ -12,6 +12,7 @@
 #include "command.hpp"
 #include "helix_arm/calibration/suspects.hpp"
 #include "helix_arm/model/arm.hpp"
+#include "helix_arm/statics/inverse.hpp"
 #include "nlohmann/json.hpp"
 
 namespace helix_arm::cli {
@@ -53,6 +54,10 @@ nlohmann::json readingsJson(const Eigen::VectorXd& pressure);
 
 /// Adds the inputs: `pressure_pa`, or, where there are tendons, `input` and `input_unit`.
 void addInputs(const model::Arm& arm, const Eigen::VectorXd& inputs, nlohmann::json& result);
+
+/// Actuators at their limits: "muscle_1 upper, muscle_3 lower"; empty without any.
+/// @param limits  one per actuator.
+std::string limitsText(const model::Arm& arm, const std::vector<statics::Limit>& limits);
 
 /// A CSV table under construction: columns with names, rows of numbers with all digits or of words.
 class CsvTable {

@@ -36,17 +36,6 @@ void requireStiffness(const io::Scene& scene, const char* command) {
            scene.name, " has none: add the extensional stiffness of one actuator [N]");
 }
 
-// "muscle_1 upper, muscle_3 lower"; empty without any.
-std::string limitsText(const model::Arm& arm, const std::vector<Limit>& limits) {
-  std::vector<std::string> parts;
-  for (int i = 0; i < arm.actuatorCount(); ++i) {
-    const Limit limit = limits[static_cast<std::size_t>(i)];
-    if (limit == Limit::kNone) continue;
-    parts.push_back(arm.actuator(i).name + (limit == Limit::kLower ? " lower" : " upper"));
-  }
-  return basics::joined(parts);
-}
-
 // ---- payload ------------------------------------------------------------------------------------
 
 struct PayloadArguments {

@@ -47,22 +47,27 @@ void check(const InputSeries& series, const model::Arm& arm) {
   }
 }
 
-// An arm, the responses of its actuators, and its motion.
 template <class Group>
-class Driver {
+class Driver final : public ArmDriver {
  public:
   Driver(const model::Arm& arm, const MovingArmOf<Group>& moving)
       : moving_(moving), motion_(moving), response_(arm), input_(arm.actuatorCount()) {}
 
-  void start(const Eigen::VectorXd& input, Start start) {
+  void start(const Eigen::VectorXd& input, const Beginning& beginning) override {
+    response_.restart();
     response_.step(input, 0.0);
     last_ = moving_.arm().twists(response_.effective());
-    start == Start::kRest ? motion_.startAtRest(last_) : motion_.startStraight(last_);
-    summary_.energy = motion_.energy();
+    if (const auto* state = std::get_if<MotionState>(&beginning)) {
+      motion_.startAt(last_, *state);
+    } else if (std::get<Start>(beginning) == Start::kRest) {
+      motion_.startAtRest(last_);
+    } else {
+      motion_.startStraight(last_);
+    }
+    summary_ = {0, motion_.energy()};
   }
 
-  // Over dt, while the inputs go from one row to the other.
-  void advance(double dt, const Eigen::VectorXd& from, const Eigen::VectorXd& to) {
+  void advance(double dt, const Eigen::VectorXd& from, const Eigen::VectorXd& to) override {
     const double parts = std::ceil(dt / moving_.config().step - kSameTime);
     const double count = std::max(1.0, parts);
     for (double i = 0; i < count; ++i) {
@@ -84,8 +89,9 @@ class Driver {
     summary_.energy = motion_.energy();
   }
 
-  lie::SE3 tip() const { return lie::inSpace(motion_.tip()); }
-  const MotionSummary& summary() const { return summary_; }
+  MotionState state() const override { return {motion_.position(), motion_.rate()}; }
+  lie::SE3 tip() const override { return lie::inSpace(motion_.tip()); }
+  const MotionSummary& summary() const override { return summary_; }
 
  private:
   // One step, or as few as find a solution.
@@ -112,20 +118,59 @@ class Driver {
   MotionSummary summary_;
 };
 
+template <class Group>
+std::unique_ptr<ArmDriver> makeDriver(const model::Arm& arm, const MovingArmOf<Group>& moving) {
+  return std::make_unique<Driver<Group>>(arm, moving);
+}
+
+// Forces on the coordinates by the inputs (n x actuators) [1/Pa].
+template <class Group>
+Eigen::MatrixXd forcesByInput(const MovingArmOf<Group>& moving, const Eigen::VectorXd& input) {
+  const model::ArmOf<Group>& arm = moving.arm();
+  const auto unloaded = arm.unloaded(input);
+  Eigen::MatrixXd out(moving.coordinates(), arm.actuatorCount());
+  Eigen::VectorXd by_input(moving.coordinates());
+  model::TwistsOf<Group> twists = model::TwistsOf<Group>::Zero(Group::kDof, arm.sectionCount());
+  for (int k = 0; k < arm.sectionCount(); ++k) {
+    const auto by_length = arm.pieceByLengths(k, 0, unloaded);
+    for (int i = arm.firstActuator(k); i < arm.firstActuator(k + 1); ++i) {
+      twists.col(k) = by_length.col(i - arm.firstActuator(k)) *
+                      arm.actuator(i).contraction.slopeInside(input[i]);
+      moving.setTwists(twists, by_input);
+      out.col(i).noalias() = moving.stiffness() * by_input;
+    }
+    twists.col(k).setZero();
+  }
+  return out;
+}
+
+template <class Group>
+LinearMotion linearisedFor(const MovingArmOf<Group>& moving, const Eigen::VectorXd& input) {
+  MotionOf<Group> motion(moving);
+  motion.startAtRest(moving.arm().twists(input));
+  LinearMotion out = motion.linearised();
+  out.by_input = forcesByInput(moving, input);
+  return out;
+}
+
 }  // namespace
 
 ArmMotion::ArmMotion(const model::Arm& arm, const std::optional<model::PlanarArm>& planar,
                      const std::optional<statics::Load>& load, const MotionConfig& config)
     : arm_(arm), moving_(movingOf(arm, planar, load, config)) {}
 
-template <class Group>
-MotionSummary ArmMotion::followWith(const MovingArmOf<Group>& moving, const InputSeries& series,
-                                    Start start, const std::vector<double>& at,
-                                    const Sink& sink) const {
-  Driver<Group> driver(arm_, moving);
+std::unique_ptr<ArmDriver> ArmMotion::driver() const {
+  return std::visit([this](const auto& moving) { return makeDriver(arm_, moving); }, moving_);
+}
+
+MotionSummary ArmMotion::follow(const InputSeries& series, const Beginning& beginning,
+                                const std::vector<double>& at, const Sink& sink) const {
+  check(series, arm_);
+  const std::unique_ptr<ArmDriver> driver = this->driver();
   Eigen::VectorXd input = series.input.row(0), next = input;
-  driver.start(input, start);
-  const double same = kSameTime * moving.config().step;
+  driver->start(input, beginning);
+  const double same =
+      kSameTime * std::visit([](const auto& moving) { return moving.config().step; }, moving_);
   double time = series.time.front();
   std::size_t row = 1;
   for (std::size_t i = 0; i < at.size(); ++i) {
@@ -136,21 +181,18 @@ MotionSummary ArmMotion::followWith(const MovingArmOf<Group>& moving, const Inpu
       const double until = at[i] < end - same ? at[i] : end;
       const double share = (until - time) / (end - time);
       next = input + share * (series.input.row(static_cast<Eigen::Index>(row)).transpose() - input);
-      driver.advance(until - time, input, next);
+      driver->advance(until - time, input, next);
       input = next;
       time = until;
       if (until == end) ++row;
     }
-    if (!sink(i, driver.tip())) break;
+    if (!sink(i, driver->tip())) break;
   }
-  return driver.summary();
+  return driver->summary();
 }
 
-MotionSummary ArmMotion::follow(const InputSeries& series, Start start,
-                                const std::vector<double>& at, const Sink& sink) const {
-  check(series, arm_);
-  return std::visit([&](const auto& moving) { return followWith(moving, series, start, at, sink); },
-                    moving_);
+LinearMotion ArmMotion::linearisedAt(const Eigen::VectorXd& input) const {
+  return std::visit([&](const auto& moving) { return linearisedFor(moving, input); }, moving_);
 }
 
 }  // namespace helix_arm::dynamics

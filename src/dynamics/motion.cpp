@@ -1,8 +1,12 @@
 #include "helix_arm/dynamics/motion.hpp"
 
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
+
+#include "helix_arm/basics/pi.hpp"
+#include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::dynamics {
 namespace {
@@ -44,7 +48,7 @@ template <class Group>
 void MotionOf<Group>::settle() {
   now_ = arm_.energies(q_, v_);
   potential_at_start_ = now_.potential;
-  work_ = elasticEnergy();
+  work_ = now_.kinetic + elasticEnergy();
 }
 
 template <class Group>
@@ -69,32 +73,57 @@ void MotionOf<Group>::startAtRest(const model::TwistsOf<Group>& unloaded) {
   settle();
 }
 
+template <class Group>
+void MotionOf<Group>::startAt(const model::TwistsOf<Group>& unloaded, const MotionState& state) {
+  basics::require(state.position.size() == q_.size() && state.rate.size() == q_.size() &&
+                      state.position.allFinite() && state.rate.allFinite(),
+                  "a state has ", state.position.size(), " coordinates and ", state.rate.size(),
+                  " rates; expected ", q_.size(), " finite numbers of each");
+  begin(unloaded);
+  q_ = state.position;
+  v_ = state.rate;
+  settle();
+}
+
+// Forces on the coordinates at rest: elastic ones, weight and dead forces. Leaves the mass matrix
+// in terms_.
+template <class Group>
+Eigen::VectorXd MotionOf<Group>::restForce(const Eigen::VectorXd& q) {
+  arm_.evaluate(q, Eigen::VectorXd::Zero(q.size()), terms_);
+  return terms_.force + arm_.stiffness() * (q - target_);
+}
+
+// Its slope, by central differences.
+template <class Group>
+Eigen::MatrixXd MotionOf<Group>::restSlope(const Eigen::VectorXd& q) {
+  Eigen::MatrixXd slope(q.size(), q.size());
+  Eigen::VectorXd moved = q;
+  for (Eigen::Index j = 0; j < q.size(); ++j) {
+    moved[j] = q[j] + kDifference;
+    const Eigen::VectorXd beyond = restForce(moved);
+    moved[j] = q[j] - kDifference;
+    slope.col(j) = (beyond - restForce(moved)) / (2 * kDifference);
+    moved[j] = q[j];
+  }
+  return slope;
+}
+
 // Newton's search for the least potential, with as much of the mass matrix added to the slope as a
 // step takes that lowers it.
 template <class Group>
 void MotionOf<Group>::findRest() {
-  const auto forceAt = [this](const Eigen::VectorXd& q) -> Eigen::VectorXd {
-    arm_.evaluate(q, v_, terms_);
-    return terms_.force + arm_.stiffness() * (q - target_);
-  };
-  Eigen::VectorXd force = forceAt(q_);
+  Eigen::VectorXd force = restForce(q_);
   const Eigen::MatrixXd mass = terms_.mass;
   double added = arm_.stiffness().diagonal().cwiseQuotient(mass.diagonal()).maxCoeff() * 1e-9;
   const double least = added * 1e-3;
   for (int i = 0; i < kMostSearch; ++i) {
-    for (Eigen::Index j = 0; j < q_.size(); ++j) {
-      mid_q_ = q_;
-      mid_q_[j] += kDifference;
-      next_q_ = q_;
-      next_q_[j] -= kDifference;
-      slope_.col(j) = (forceAt(mid_q_) - forceAt(next_q_)) / (2 * kDifference);
-    }
+    slope_ = restSlope(q_);
     for (int tries = 0; tries < kMostSearch; ++tries, added *= 4.0) {
       factors_.compute(slope_ + added * mass);
       if (factors_.info() != Eigen::Success) continue;
       change_ = -factors_.solve(force);
       next_q_ = q_ + change_;
-      const Eigen::VectorXd next = forceAt(next_q_);
+      const Eigen::VectorXd next = restForce(next_q_);
       if (!((force + next).dot(change_) <= 0)) continue;
       q_ = next_q_;
       force = next;
@@ -191,6 +220,42 @@ double MotionOf<Group>::elasticEnergy() const noexcept {
 template <class Group>
 Energy MotionOf<Group>::energy() const {
   return {now_.kinetic, elasticEnergy(), now_.potential - potential_at_start_, dissipated_, work_};
+}
+
+template <class Group>
+LinearMotion MotionOf<Group>::linearised() {
+  LinearMotion out{q_, {}, arm_.damping(), restSlope(q_), {}, lie::inSpace(tip()), {}};
+  restForce(q_);
+  out.mass = terms_.mass;
+  out.tip_by.resize(3, q_.size());
+  Eigen::VectorXd moved = q_;
+  const auto tipAt = [&](Eigen::Index j, double by) {
+    moved[j] = q_[j] + by;
+    return lie::inSpace(arm_.tip(moved)).translation;
+  };
+  for (Eigen::Index j = 0; j < q_.size(); ++j) {
+    out.tip_by.col(j) = (tipAt(j, kDifference) - tipAt(j, -kDifference)) / (2 * kDifference);
+    moved[j] = q_[j];
+  }
+  return out;
+}
+
+std::vector<Vibration> vibrationsOf(const LinearMotion& motion) {
+  const Eigen::Index n = motion.mass.rows();
+  const Eigen::LLT<Eigen::MatrixXd> mass(motion.mass);
+  Eigen::MatrixXd rates = Eigen::MatrixXd::Zero(2 * n, 2 * n);
+  rates.topRightCorner(n, n).setIdentity();
+  rates.bottomLeftCorner(n, n) = -mass.solve(motion.stiffness);
+  rates.bottomRightCorner(n, n) = -mass.solve(motion.damping);
+  const Eigen::VectorXcd roots = Eigen::EigenSolver<Eigen::MatrixXd>(rates, false).eigenvalues();
+  std::vector<Vibration> out;
+  for (const std::complex<double>& root : roots) {
+    if (root.imag() <= 0) continue;  // the other of a pair, or no vibration
+    out.push_back({std::abs(root) / (2 * basics::kPi), -root.real() / std::abs(root)});
+  }
+  std::sort(out.begin(), out.end(),
+            [](const auto& one, const auto& other) { return one.frequency < other.frequency; });
+  return out;
 }
 
 template class MotionOf<lie::SE3>;

@@ -7,6 +7,7 @@
 #include <ctime>
 #include <functional>
 #include <map>
+#include <numeric>
 #include <optional>
 #include <set>
 #include <utility>
@@ -286,7 +287,7 @@ class CalibrationJob {
   CalibrationOutcome run() {
     using Job = CalibrationJob;
     for (const auto phase : {&Job::gatherSources, &Job::readScene, &Job::fitResponse, &Job::fitMode,
-                             &Job::fitCurve, &Job::fitArm, &Job::write}) {
+                             &Job::fitInertia, &Job::fitCurve, &Job::fitArm, &Job::write}) {
       if (const Refusal refusal = (this->*phase)()) {
         outcome_.message = *refusal;
         return std::move(outcome_);
@@ -330,7 +331,8 @@ class CalibrationJob {
     if (of_ring) io::requireRings(path_, overrides_);
     // A series also gives the effective pressures of captures whose times are known.
     const bool follows = !data_.tips.empty() && data_.tips.history.input.cols() > 0 && timed_;
-    if (!fitsResponse() && !fitsMode() && !data_.tips.empty() && !follows && !ofSeries()) {
+    if (!fitsResponse() && !fitsMode() && !fitsInertia() && !data_.tips.empty() && !follows &&
+        !ofSeries()) {
       return "the data holds a series of the tip, but no response is fitted; leave it out, or fit "
              "response as well";
     }
@@ -392,20 +394,62 @@ class CalibrationJob {
   }
 
   Refusal fitMode() {
-    if (!fitsMode()) return std::nullopt;
+    if (!fitsMode() && !fitsInertia()) return std::nullopt;
     const ResponseSeries& tips = data_.tips;
     if (tips.empty()) {
-      return "a mode needs a series of the tip (time_s, x_m, y_m, z_m) through a release or a step";
+      return "mode, mass and damping need a series of the tip (time_s, x_m, y_m, z_m) through a "
+             "release or a step";
     }
     outcome_.mode = FittedMode{estimation::fitMode(tips.history, tips.reading), tips.trials, {}};
     const estimation::ModeFit& fit = outcome_.mode->fit;
     if (!fit.fitted()) return "mode: " + fit.failure;
+    if (!fitsMode()) return std::nullopt;
     const estimation::Mode before = scene_->follow.mode.value_or(estimation::Mode{});
     const estimation::Estimate &frequency = fit.frequency, &damping = fit.damping;
     outcome_.mode->parameters = {
         {"mode_hz", "Hz", before.frequency, frequency.value, frequency.standard_error, true},
         {"mode_damping", "", before.damping, damping.value, damping.standard_error, true}};
     curves_.mode = estimation::Mode{fit.frequency.value, fit.damping.value};
+    return std::nullopt;
+  }
+
+  Refusal fitInertia() {
+    if (!fitsInertia()) return std::nullopt;
+    const auto& load = scene_->model.load();
+    const double mass = load ? std::accumulate(load->mass.begin(), load->mass.end(), 0.0) : 0.0;
+    if (!(mass > 0)) {
+      return "mass and damping need load.mass_kg and arm.stiffness.K_eps_n; put in what a scale "
+             "and a pull on one actuator show, since a vibration tells their ratio alone";
+    }
+    constexpr double kUsualTime = 0.01;  // of damping that the scene does not tell [s]
+    dynamics::MotionConfig config = scene_->dynamics;
+    dynamics::StrainTimes& times = config.damping;
+    const double before = times.bend;
+    if (!(times.bend > 0)) times = {kUsualTime, kUsualTime, kUsualTime, kUsualTime};
+    FittedInertia found;
+    found.fit =
+        estimation::fitInertia(scene_->arm, scene_->planar, *load, config, outcome_.mode->fit,
+                               {fits(FitParameter::kMass), fits(FitParameter::kDamping)});
+    if (!found.fit.failure.empty()) return "mass and damping: " + found.fit.failure;
+    const auto [mass_factor, mass_error] = found.fit.mass;
+    const auto [factor, error] = found.fit.damping;
+    if (fits(FitParameter::kMass)) {
+      found.parameters.push_back(
+          {"mass_kg", "kg", mass, mass_factor * mass, mass_error * mass, true});
+      curves_.mass_factor = mass_factor;
+    }
+    if (fits(FitParameter::kDamping)) {
+      found.parameters.push_back(
+          {"damping_bend_s", "s", before, factor * times.bend, error * times.bend, true});
+      curves_.damping = dynamics::StrainTimes{factor * times.stretch, factor * times.shear,
+                                              factor * times.twist, factor * times.bend};
+    }
+    if (data_.tips.history.input.cols() == 0) {
+      warn(
+          {"mass and damping: the series has no pressures; its releases count as at the lower "
+           "limits"});
+    }
+    outcome_.inertia = std::move(found);
     return std::nullopt;
   }
 
@@ -834,6 +878,8 @@ class CalibrationJob {
     changes_.contractions = curves_.contractions;
     changes_.responses = curves_.responses;
     changes_.mode = curves_.mode;
+    changes_.mass_factor = curves_.mass_factor;
+    changes_.damping = curves_.damping;
     changes_.provenance = provenance();
     Refusal refusal = refuseFar();
     try {
@@ -852,6 +898,7 @@ class CalibrationJob {
   bool fitsCurve() const { return fits(FitParameter::kContraction); }
   bool fitsResponse() const { return fits(FitParameter::kResponse); }
   bool fitsMode() const { return fits(FitParameter::kMode); }
+  bool fitsInertia() const { return fits(FitParameter::kMass) || fits(FitParameter::kDamping); }
   bool ofSeries() const { return fitsArm() && isSeries(data_); }
   bool fitsArm() const { return std::any_of(fitted_.begin(), fitted_.end(), isOfArm); }
   void warn(const std::vector<std::string>& warnings) {

@@ -31,6 +31,7 @@ std::vector<estimation::Parameter> parametersOf(const CalibrationOutcome& outcom
   };
   if (outcome.response) add(outcome.response->parameters);
   if (outcome.mode) add(outcome.mode->parameters);
+  if (outcome.inertia) add(outcome.inertia->parameters);
   return out;
 }
 

@@ -57,6 +57,7 @@ FollowFigures tipFigures(const std::vector<FollowRow>& rows, int tips) {
         std::find_if(begin, end, [from](const FollowRow& row) { return row.time >= from; });
     out.steady_rms.push_back(rms(steady, end));
     out.unreachable.push_back((end - 1)->unreachable);
+    out.limits.push_back((end - 1)->limits);
   }
   return out;
 }
@@ -405,6 +406,7 @@ class FollowRun {
     row.state = turn.state;
     row.path_time = turn.path_time;
     row.unreachable = turn.commands && turn.status == statics::InverseStatus::kUnreachable;
+    if (turn.commands) row.limits = turn.limits;
     row.load_score = load_score;
     out_.rows.push_back(std::move(row));
   }

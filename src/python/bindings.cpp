@@ -333,6 +333,7 @@ PYBIND11_MODULE(_core, module) {
   py::class_<Scene> scene(module, "Scene");
   bindScene(scene);
   bindModel(scene);
+  bindDynamics(module, scene);
   bindMeasurements(scene);
   bindRecordings(module, scene);
   bindExperiments(module, scene);

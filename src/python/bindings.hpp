@@ -196,6 +196,7 @@ class Scene {
 };
 
 void bindModel(py::class_<Scene>& scene);
+void bindDynamics(py::module_& module, py::class_<Scene>& scene);
 void bindMeasurements(py::class_<Scene>& scene);
 /// Part for the node calibration of the library.
 void bindRecordings(py::module_& module, py::class_<Scene>& scene);

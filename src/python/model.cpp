@@ -10,7 +10,6 @@
 
 #include "bindings.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/dynamics/arm_motion.hpp"
 #include "helix_arm/model/batch.hpp"
 #include "helix_arm/statics/attain.hpp"
 #include "helix_arm/statics/inverse.hpp"
@@ -383,51 +382,6 @@ py::dict attain(const Scene& scene, const py::object& wanted, int pieces, const 
                   "active_limits"_a = limits.result(), "largest_force_n"_a = solver.largestForce());
 }
 
-// Motions of the tip, of one series of pressures (T, n) or one after the other (rollouts * T, n).
-//
-// @param times    (T,) ascending [s]. @param order, step  in place of the scene's, unless None.
-// @return tips, quaternions, energies (rollouts, 5) and steps (rollouts).
-py::tuple motion(const Scene& scene, const py::handle& pressures, const std::vector<double>& times,
-                 bool from_rest, std::optional<int> order, std::optional<double> step,
-                 std::size_t threads) {
-  const Rows inputs = scene.inputs(pressures, "pressures_pa");
-  const auto rows = static_cast<py::ssize_t>(times.size()), rollouts = inputs.rows() / rows;
-  py::array_t<double> tips({rollouts, rows, py::ssize_t{3}}),
-      quaternions({rollouts, rows, py::ssize_t{4}}), energies({rollouts, py::ssize_t{5}});
-  py::array_t<std::int64_t> steps(rollouts);
-  double *const tip = tips.mutable_data(), *const quaternion = quaternions.mutable_data(),
-                *const energy = energies.mutable_data();
-  std::int64_t* const count = steps.mutable_data();
-  {
-    const OthersRun others_run;
-    dynamics::MotionConfig config = scene.scene().dynamics;
-    config.order = order.value_or(config.order);
-    config.step = step.value_or(config.step);
-    scene.requireWithinLimits(inputs);
-    const dynamics::ArmMotion arm(scene.arm(), scene.scene().planar, scene.model().load(), config);
-    const auto start = from_rest ? dynamics::Start::kRest : dynamics::Start::kStraight;
-    inPieces(static_cast<std::size_t>(rollouts), 1, threads,
-             [&](std::size_t begin, std::size_t end) {
-               dynamics::InputSeries series{times, {rows, inputs.columns()}};
-               for (std::size_t r = begin; r < end; ++r) {
-                 const auto first = static_cast<py::ssize_t>(r) * rows;
-                 for (py::ssize_t i = 0; i < rows; ++i) series.input.row(i) = inputs.row(first + i);
-                 const auto summary =
-                     arm.follow(series, start, times, [&](std::size_t i, const auto& pose) {
-                       const std::size_t at = static_cast<std::size_t>(first) + i;
-                       setPose(pose, true, tip + 3 * at, quaternion + 4 * at);
-                       return true;
-                     });
-                 const dynamics::Energy& e = summary.energy;
-                 const double all[] = {e.kinetic, e.elastic, e.potential, e.dissipated, e.work};
-                 std::copy_n(all, 5, energy + 5 * r);
-                 count[r] = summary.steps;
-               }
-             });
-  }
-  return py::make_tuple(tips, quaternions, energies, steps);
-}
-
 }  // namespace
 
 void bindModel(py::class_<Scene>& scene) {
@@ -435,8 +389,6 @@ void bindModel(py::class_<Scene>& scene) {
       .def("_tips", tips, "pressures_pa"_a, "out"_a, "threads"_a)
       .def("_curve", curve, "pressures_pa"_a, "points"_a, "threads"_a)
       .def("_jacobian", jacobian, "pressures_pa"_a, "by"_a, "threads"_a)
-      .def("_motion", motion, "pressures_pa"_a, "times_s"_a, "from_rest"_a, "order"_a, "step_s"_a,
-           "threads"_a)
       .def("_inverse", inverse, "kind"_a, "wanted"_a, "start"_a, "prefer"_a, "cocontraction"_a,
            "position_tolerance_m"_a, "threads"_a)
       .def("_payload", payload, "tip"_a, "directions"_a, "moment"_a, "tolerance"_a, "threads"_a)

@@ -370,8 +370,9 @@ Motion motionOf(const model::InputHistory& history, const Eigen::MatrixXd& posit
   return {time(rows), position(rows, Eigen::all)};
 }
 
-// Mean of values that differ by more than their errors (DerSimonian and Laird).
-Estimate pooledOf(const std::vector<Estimate>& values) {
+}  // namespace
+
+Estimate pooled(const std::vector<Estimate>& values) {
   const auto count = static_cast<Eigen::Index>(values.size());
   Eigen::ArrayXd value(count), variance(count);
   for (Eigen::Index i = 0; i < count; ++i) {
@@ -385,6 +386,8 @@ Estimate pooledOf(const std::vector<Estimate>& values) {
   const Eigen::ArrayXd shared = 1 / (variance + own);
   return {(shared * value).sum() / shared.sum(), 1 / std::sqrt(shared.sum())};
 }
+
+namespace {
 
 // The mode that the releases have in common.
 void pool(ModeFit& fit) {
@@ -406,8 +409,8 @@ void pool(ModeFit& fit) {
         "overdamped, or it moved too little, too slowly or for too short a time");
     return;
   }
-  fit.frequency = pooledOf(frequencies);
-  fit.damping = pooledOf(dampings);
+  fit.frequency = pooled(frequencies);
+  fit.damping = pooled(dampings);
   fit.rms = std::sqrt(squares / rows);
 }
 
@@ -431,6 +434,7 @@ ModeFit fitMode(const model::InputHistory& history, const Eigen::MatrixXd& posit
     for (std::size_t i = 0; i + 1 < steps.size(); ++i) {
       fit.rings.push_back(ringDownOf(motionOf(history, position, steps[i], steps[i + 1])));
       fit.rings.back().trial = trial;
+      if (history.input.cols() > 0) fit.rings.back().input = history.input.row(steps[i + 1] - 1);
     }
   }
   pool(fit);

@@ -1,12 +1,12 @@
 #include "helix_arm/simulation/rig.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <random>
 #include <sstream>
 #include <stdexcept>
 #include <utility>
 
-#include "helix_arm/basics/pi.hpp"
 #include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::simulation {
@@ -135,10 +135,10 @@ void ArmDeviation::validate() const {
   for (const double scale : stiffness_scales) check("the factor on a stiffness", scale);
   if (response) response->validate();
   basics::requireNotNegative("true arm", "the dead time [s]", dead_time);
-  if (!mode) return;
-  check("the frequency of its mode [Hz]", mode->frequency);
-  basics::requireValue(mode->damping > 0 && mode->damping < 1, "true arm",
-                       "the damping of its mode", mode->damping, "a value between 0 and 1");
+  if (!inertia) return;
+  inertia->motion.validate();
+  if (inertia->mass) check("its mass [kg]", *inertia->mass);
+  if (inertia->K_eps) check("its K_eps [N]", *inertia->K_eps);
 }
 
 TrueArm::TrueArm(const statics::ArmModel& model, const ArmDeviation& deviation)
@@ -187,30 +187,63 @@ model::Shape TrueArm::shape(const model::InputRef& pressure) const {
   return solution.shape;
 }
 
+namespace {
+
+statics::Load massesOf(const model::Arm& arm, const std::optional<statics::Load>& load,
+                       const ArmInertia& inertia) {
+  const auto sections = static_cast<std::size_t>(arm.sectionCount());
+  statics::Load out = load.value_or(statics::Load{});
+  out.gravity.setZero();
+  for (statics::PointLoad& point : out.points) {
+    point.force.setZero();
+    point.moment.setZero();
+  }
+  if (inertia.K_eps) out.K_eps.assign(sections, *inertia.K_eps);
+  if (!inertia.mass) return out;
+  out.mass.resize(sections);
+  for (int k = 0; k < arm.sectionCount(); ++k) {
+    out.mass[static_cast<std::size_t>(k)] = *inertia.mass * arm.restLength(k) / arm.restLength();
+  }
+  return out;
+}
+
+}  // namespace
+
+Swing::Swing(const model::Arm& arm, const std::optional<statics::Load>& load,
+             const ArmInertia& inertia)
+    : arm_(arm, massesOf(arm, load, inertia), inertia.motion), motion_(arm_) {}
+
 void Swing::step(const model::Shape& rest, double dt) {
   if (shape_.sectionCount() == 0 || std::isinf(dt)) {
+    rest_ = rest.twists();
+    Eigen::VectorXd position(arm_.coordinates());
+    arm_.setTwists(rest_, position);
+    motion_.startAt(rest_, {position, Eigen::VectorXd::Zero(position.size())});
     shape_ = rest;
-    rate_ = model::Twists::Zero(6, rest.sectionCount());
     return;
   }
-  const model::Twists goal = rest.twists(), offset = shape_.twists() - goal;
-  const double pace = length_ / goal.topRows<3>().colwise().norm().sum();
-  const double turn = 2 * basics::kPi * mode_.frequency * pace, decay = mode_.damping * turn;
-  const double damped = turn * std::sqrt(1 - mode_.damping * mode_.damping);
-  const double c = std::cos(damped * dt), s = std::sin(damped * dt) / damped;
-  const double shrinks = std::exp(-decay * dt);
-  model::Twists moved = shrinks * (c * offset + s * (rate_ + decay * offset));
-  rate_ = shrinks * (c * rate_ - s * (decay * rate_ + turn * turn * offset));
-  moved.topRows<4>().setZero();
-  rate_.topRows<4>().setZero();
-  shape_ = rest.about(goal + moved);
+  if (dt == 0) return;
+  constexpr double kRounding = 1e-9;  // in steps
+  const double steps = std::max(1.0, std::ceil(dt / arm_.config().step - kRounding));
+  const model::Twists change = rest.twists() - rest_;
+  for (double i = 1; i <= steps; ++i) {
+    if (!motion_.step(dt / steps, rest_ + i / steps * change)) {
+      throw std::runtime_error(
+          basics::messageOf("true arm: its motion finds no solution in a step of ", dt / steps,
+                            " s; shorten simulation.arm.dynamics.step_s, or raise its damping_s"));
+    }
+  }
+  rest_ = rest.twists();
+  shape_ = rest.about(Eigen::Map<const model::Twists>(motion_.position().data(), 6, rest_.cols()));
 }
 
 MovingArm::MovingArm(const statics::ArmModel& model, const ArmDeviation& deviation)
     : arm_(model, deviation),
       response_(model.arm(), deviation.response),
       dead_time_(deviation.dead_time) {
-  if (deviation.mode) swing_.emplace(*deviation.mode, model.arm().restLength());
+  if (!deviation.inertia) return;
+  swing_ =
+      std::make_unique<Swing>(arm_.arm(), deviate(model.load(), deviation), *deviation.inertia);
 }
 
 const Eigen::VectorXd& MovingArm::arrived(const model::InputRef& pressure, double dt) {

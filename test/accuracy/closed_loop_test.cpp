@@ -20,6 +20,7 @@
 #include "support/random.hpp"
 #include "support/rig_captures.hpp"
 #include "support/shipped_scene.hpp"
+#include "support/swinging.hpp"
 #include "support/test_size.hpp"
 
 namespace helix_arm {
@@ -222,9 +223,9 @@ class ClosedLoopSwinging : public testing::TestWithParam<SwingingArm> {};
 TEST_P(ClosedLoopSwinging, IsSteadyAndNotTakenForAContact) {
   if (GetParam().first == 0 && !test::isFullSize()) GTEST_SKIP() << test::kFullSizeOnly;
   const SwingingArm& swinging = GetParam();
-  const std::string mode = "{frequency_hz: " + std::to_string(swinging.frequency) +
-                           ", damping: " + std::to_string(swinging.damping) + "}";
-  const io::Scene scene = demo({{"simulation.arm.mode", mode}});
+  const io::Scene scene =
+      demo({{"simulation.arm.dynamics",
+             test::swinging(demo().arm, swinging.frequency, swinging.damping)}});
   const FollowResult result = procedures::runFollow(scene, steps(scene, test::draws(14, 40), 4));
   const StepFigures figures = figuresOf(result, swinging.first);
   std::printf("[  FIGURE  ] %s: steady RMS %.2f mm, settled after %.2f s in the median, %zu alarms",
@@ -278,7 +279,7 @@ TEST(ClosedLoop, ThePredictedTipIsAsCertainAsItClaims) {
               {"simulation.arm.response",
                "{rise_time_constant_s: 0.1, fall_time_constant_s: 0.1, play_kpa: [4], "
                "play_weight: [0.7]}"},
-              {"simulation.arm.mode", "{frequency_hz: 3, damping: 0.2}"}});
+              {"simulation.arm.dynamics", test::swinging(demo().arm, 3, 0.2)}});
     FollowPlan tips, circle = shape(scene, TipShape::kCircle, 8);
     tips.tips = randomTips(scene.model, 6, seed);
     tips.seconds = 18;

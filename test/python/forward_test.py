@@ -306,12 +306,66 @@ class MotionTest(unittest.TestCase):
         np.testing.assert_array_equal(alone.tips, batch.tips[1])
         self.assertEqual(alone.steps, batch.steps[1])
 
+    def test_steps_are_the_motion_and_a_state_continues_it(self):
+        pressures = self.pressures[2]
+        whole = self.scene.motion(pressures, self.times)
+        arm = self.scene.dynamics(pressures[0])
+        for k in range(1, 11):
+            np.testing.assert_array_equal(arm.step(pressures[k], self.times[k] - self.times[k - 1]), whole.tips[k])
+        self.assertAlmostEqual(arm.time_s, 1)
+        rest = self.scene.motion(pressures[10:], self.times[10:], start=arm.state)
+        np.testing.assert_allclose(rest.tips, whole.tips[10:], atol=1e-6)
+        arm.restart(pressures[0])
+        np.testing.assert_array_equal(arm.tip, whole.tips[0])
+
+    def test_small_motions_are_those_of_the_linearised_arm(self):
+        pressures = np.array([120e3, 60e3, 20e3])
+        linear = self.scene.dynamics().linearised(pressures)
+        self.assertEqual((linear.A.shape, linear.B.shape, linear.C.shape), ((12, 12), (12, 3), (3, 12)))
+        np.testing.assert_allclose(linear.state, self.scene.dynamics(pressures).state, atol=1e-9)
+        push, times = np.array([150.0, -100, 50]), np.linspace(0, 0.5, 101)
+        rows = np.vstack([pressures, np.tile(pressures + push, (100, 1))])
+        moved = self.scene.motion(rows, times, step_s=5e-4).tips - linear.tip
+        rates, vectors = np.linalg.eig(linear.A)
+        final = -np.linalg.solve(linear.A, linear.B @ push)
+        # The pressures rise over the first 5 ms, as a step in their middle does.
+        modes = vectors * np.linalg.solve(vectors, -final)
+        expected = [(linear.C @ (final + (modes @ np.exp(rates * (t - 0.0025))).real)) for t in times[2:]]
+        np.testing.assert_allclose(moved[2:], expected, atol=0.02 * np.abs(moved).max())
+        free = helix_arm.Scene.load("loaded", {"load.gravity_m_s2": [0, 0, 0]})
+        linear = free.dynamics().linearised(pressures)
+        by_pressure = -linear.C @ np.linalg.solve(linear.A, linear.B)
+        np.testing.assert_allclose(by_pressure, free.jacobian(pressures, by="pressures").tip_by_pressures[:3], rtol=1e-4, atol=1e-12)
+
+    def test_a_linear_quadratic_regulator_damps_the_arm(self):
+        try:
+            from scipy.linalg import solve_continuous_are
+        except ImportError:
+            self.skipTest("no scipy")
+        scene = helix_arm.Scene.load("loaded", {"dynamics.damping_s": {"bend": 0.001, "twist": 0.001, "shear": 0.001, "stretch": 0.001}})
+        pressures = np.array([150e3, 100e3, 100e3])
+        linear = scene.dynamics().linearised(pressures)
+        weight, price = linear.C.T @ linear.C, 1e-12 * np.eye(3)
+        gain = np.linalg.solve(price, linear.B.T @ solve_continuous_are(linear.A, linear.B, weight, price))
+        disturbed = linear.state.copy()
+        disturbed[0, 4] += 0.1
+        swings = []
+        for feedback in (0, 1):
+            arm, tips = scene.dynamics(pressures, start=disturbed), []
+            while arm.time_s < 1:
+                deviation = (arm.state - linear.state).ravel()
+                tips.append(arm.step(np.clip(pressures - feedback * gain @ deviation, *scene.limits_pa.T), 0.005))
+            swings.append(np.linalg.norm(np.array(tips[-40:]) - linear.tip, axis=1).max())
+        self.assertGreater(swings[0], 2e-3)
+        self.assertLess(swings[1], 0.1 * swings[0])
+
     def test_names_what_is_wrong(self):
         for message, scene, pressures, times, options in [
                 ("row 2 of the inputs", self.scene, self.pressures[0], -self.times, {}),
                 (r"expected \(21, 3\) or \(rollouts, 21, 3\)", self.scene, self.pressures[0, :, :2], self.times, {}),
                 ("motion needs load.mass_kg", helix_arm.Scene.load("helical_50"), self.pressures[0], self.times, {}),
-                ("expected rest or straight", self.scene, self.pressures[0], self.times, {"start": "moving"}),
+                ("expected rest, straight or a state", self.scene, self.pressures[0], self.times, {"start": "moving"}),
+                ("expected 6 finite numbers", self.scene, self.pressures[0], self.times, {"start": np.zeros((2, 12))}),
                 ("order is 9", self.scene, self.pressures[0], self.times, {"order": 9}),
                 ("its limits", self.scene, 10 * self.pressures[0], self.times, {})]:
             with self.subTest(message), self.assertRaisesRegex(ValueError, message):

@@ -82,6 +82,8 @@ enum class FitParameter {
   kContraction,
   kResponse,
   kMode,
+  kMass,
+  kDamping,
   kRingRadius,
   kRingPhase,
   kBase,

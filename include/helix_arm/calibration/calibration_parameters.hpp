@@ -49,7 +49,7 @@ struct FitParameterInfo {
   const char* name;  ///< name of its numbers in results, without their suffixes
   FitGroup group;
   FitNeed need;
-  /// Absent for contraction, response, mode and rings, which have separate fits.
+  /// Absent for contraction, response, mode, mass, damping and rings, which have separate fits.
   std::optional<ParameterBlock> block = {};
   std::optional<StiffnessEntry> entry = {};
   std::vector<FitNumber> numbers = {};  ///< for one actuator, tag or rig

@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <functional>
+#include <memory>
 #include <optional>
 #include <variant>
 #include <vector>
@@ -12,9 +13,11 @@
 
 namespace helix_arm::dynamics {
 
-/// Where a motion starts, at rest: in the equilibrium under load at the first inputs, or straight,
+/// Where a motion starts at rest: in the equilibrium under load at the first inputs, or straight,
 /// at natural length.
 enum class Start { kRest, kStraight };
+/// At rest, or in any state.
+using Beginning = std::variant<Start, MotionState>;
 
 /// Inputs over time, linear between the rows.
 struct InputSeries {
@@ -28,6 +31,23 @@ struct InputSeries {
 struct MotionSummary {
   long steps = 0;
   Energy energy;
+};
+
+/// An arm in motion, step by step, with the responses of its actuators.
+class ArmDriver {
+ public:
+  virtual ~ArmDriver() = default;
+  /// Starts at inputs (n) within the limits, to which the actuators have responded.
+  /// @throws std::runtime_error if there is no equilibrium to start from; std::invalid_argument on
+  ///     a wrong size.
+  virtual void start(const Eigen::VectorXd& input, const Beginning& beginning) = 0;
+  /// Moves on by dt > 0 [s], while the inputs (n), within the limits, go evenly from one to the
+  /// other. @throws std::runtime_error if a step finds no solution.
+  virtual void advance(double dt, const Eigen::VectorXd& from, const Eigen::VectorXd& to) = 0;
+
+  virtual MotionState state() const = 0;
+  virtual lie::SE3 tip() const = 0;  ///< seen from the arm's base
+  virtual const MotionSummary& summary() const = 0;
 };
 
 /// An arm that moves by its inputs: its actuators' responses, then the equations of MovingArmOf.
@@ -50,14 +70,18 @@ class ArmMotion {
   /// @param at  ascending times within the series [s]. Ends early where the sink says so.
   /// @throws std::invalid_argument naming the row whose time or input breaks a rule;
   ///     std::runtime_error if there is no equilibrium to start from, or a step finds no solution.
-  MotionSummary follow(const InputSeries& series, Start start, const std::vector<double>& at,
-                       const Sink& sink) const;
+  MotionSummary follow(const InputSeries& series, const Beginning& beginning,
+                       const std::vector<double>& at, const Sink& sink) const;
+
+  /// The arm for steps of its own; this outlives it.
+  std::unique_ptr<ArmDriver> driver() const;
+
+  /// Small motions about the equilibrium under load at inputs (n).
+  /// @throws std::invalid_argument naming an input that breaks a rule, std::runtime_error if there
+  ///     is no equilibrium.
+  LinearMotion linearisedAt(const Eigen::VectorXd& input) const;
 
  private:
-  template <class Group>
-  MotionSummary followWith(const MovingArmOf<Group>& moving, const InputSeries& series, Start start,
-                           const std::vector<double>& at, const Sink& sink) const;
-
   model::Arm arm_;
   std::variant<MovingArmOf<lie::SE3>, MovingArmOf<lie::SE2>> moving_;
 };

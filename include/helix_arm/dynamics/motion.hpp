@@ -2,6 +2,7 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
+#include <vector>
 
 #include "helix_arm/dynamics/moving_arm.hpp"
 
@@ -15,6 +16,25 @@ struct Energy {
   double work = 0.0;  ///< of actuators and dead moments, with the elastic energy at the start
 };
 
+/// Coordinates q (n) of a MovingArmOf and their rates (n).
+struct MotionState {
+  Eigen::VectorXd position, rate;
+};
+
+/// Small motions about a shape at rest, x = q - q_0, with forces f on the coordinates:
+/// M x'' + D x' + K x = f.
+struct LinearMotion {
+  Eigen::VectorXd position;  ///< q_0 (n)
+  /// M, D and K (n x n); K is the slope of the elastic forces, of weight and of dead forces.
+  Eigen::MatrixXd mass, damping, stiffness;
+  Eigen::MatrixXd by_input;  ///< (n x actuators) f by the effective inputs, per Pa
+  lie::SE3 tip;              ///< at q_0, seen from the arm's base
+  Eigen::Matrix3Xd tip_by;   ///< (3 x n) slope of its position
+};
+
+/// The vibrations of small motions, slowest first; a motion that creeps back is none.
+std::vector<Vibration> vibrationsOf(const LinearMotion& motion);
+
 /// An arm in motion.
 template <class Group>
 class MotionOf {
@@ -27,6 +47,8 @@ class MotionOf {
   /// @throws std::runtime_error if no equilibrium is found.
   void startAtRest(const model::TwistsOf<Group>& unloaded);
   void startStraight(const model::TwistsOf<Group>& unloaded);
+  /// Starts in this state. @throws std::invalid_argument on a wrong size.
+  void startAt(const model::TwistsOf<Group>& unloaded, const MotionState& state);
 
   /// Moves on by a time [s], during which the unloaded twists go from the last ones to these.
   ///
@@ -40,12 +62,16 @@ class MotionOf {
   const Eigen::VectorXd& position() const { return q_; }  ///< (n)
   const Eigen::VectorXd& rate() const { return v_; }      ///< (n)
   Group tip() const { return arm_.tip(q_); }
+  /// Small motions about where it is, as if it were at rest there; without `by_input`.
+  LinearMotion linearised();
   Energy energy() const;
 
  private:
   void begin(const model::TwistsOf<Group>& unloaded);
   void settle();
   void findRest();
+  Eigen::VectorXd restForce(const Eigen::VectorXd& q);
+  Eigen::MatrixXd restSlope(const Eigen::VectorXd& q);
   void residualAt(double dt) noexcept;
   bool solve(double dt) noexcept;
   double elasticEnergy() const noexcept;

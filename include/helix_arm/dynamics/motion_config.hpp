@@ -26,4 +26,10 @@ struct MotionConfig {
   void validate() const;
 };
 
+/// A vibration of an arm.
+struct Vibration {
+  double frequency = 0.0;  ///< natural [Hz]
+  double damping = 0.0;    ///< ratio, < 1
+};
+
 }  // namespace helix_arm::dynamics

@@ -46,6 +46,8 @@ struct SceneCalibration {
   std::vector<std::pair<std::string, model::Response>> responses;
   /// The arm's slowest vibration: follow.mode_hz and follow.mode_damping.
   std::optional<estimation::Mode> mode;
+  std::optional<double> mass_factor;             ///< on load.mass_kg, which the scene then has
+  std::optional<dynamics::StrainTimes> damping;  ///< dynamics.damping_s
   Provenance provenance;
 };
 

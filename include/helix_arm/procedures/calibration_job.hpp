@@ -13,6 +13,7 @@
 #include "helix_arm/io/provenance.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/procedures/captures.hpp"
+#include "helix_arm/response/inertia_fit.hpp"
 #include "helix_arm/response/mode_fit.hpp"
 #include "helix_arm/response/response_fit.hpp"
 
@@ -84,6 +85,13 @@ struct FittedMode {
   std::vector<estimation::Parameter> parameters;
 };
 
+/// Masses and damping, fitted to the vibrations of `CalibrationOutcome::mode`.
+struct FittedInertia {
+  estimation::InertiaFit fit;
+  /// mass_kg, of the whole arm, and damping_bend_s, if they were fitted.
+  std::vector<estimation::Parameter> parameters;
+};
+
 /// Result of a calibration.
 struct CalibrationOutcome {
   bool success = false;
@@ -93,7 +101,8 @@ struct CalibrationOutcome {
   /// The free lengths, at the effective pressures, to which curves were fitted.
   std::vector<estimation::LengthSample> lengths;
   std::optional<FittedResponse> response;  ///< if one was fitted
-  std::optional<FittedMode> mode;          ///< if one was asked for
+  std::optional<FittedMode> mode;          ///< if one was asked for, or mass or damping
+  std::optional<FittedInertia> inertia;    ///< if mass or damping was asked for
   /// The arm fitted to a series of its tip, in place of `calibration`.
   std::optional<estimation::SeriesFit> series;
   /// The arms as they were fitted, that of the scene first; empty if only curves were fitted.
@@ -135,7 +144,7 @@ std::optional<double> medianTipError(const io::Scene& scene,
 
 // Texts of an outcome.
 
-/// All fitted numbers: those of the calibration, then those of the response and the mode.
+/// All fitted numbers: those of the calibration, then those of response, mode, mass and damping.
 std::vector<estimation::Parameter> parametersOf(const CalibrationOutcome& outcome);
 
 /// Whether a parameter has a standard error and a verdict: not without CalibrationRequest::errors.

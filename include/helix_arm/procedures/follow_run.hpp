@@ -68,6 +68,7 @@ struct FollowRow {
   std::optional<double> path_time;  ///< since the path's start [s]
   /// `wanted` is out of reach of the corrected arm, which goes to the closest place.
   bool unreachable = false;
+  std::vector<statics::Limit> limits;  ///< (n) at which the commanded pressures are; empty without
   double load_score = 0.0;  ///< of a force on the arm, see estimation::ExternalLoad
 };
 
@@ -84,6 +85,7 @@ struct FollowFigures {
   std::vector<double> steady_rms;             ///< of each tip's last second [m]
   std::vector<std::optional<double>> settle;  ///< time until within 2 mm + 5 % for good [s]
   std::vector<bool> unreachable;              ///< tips that are out of the arm's reach at their end
+  std::vector<std::vector<statics::Limit>> limits;  ///< of each tip at its end, see FollowRow
 };
 
 /// A change of the loop's state.

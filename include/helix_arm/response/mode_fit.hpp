@@ -19,6 +19,7 @@ struct RingDown {
   Estimate damping = {};    ///< damping ratio
   double rms = 0.0;         ///< of the distance of the positions from the fitted motion [m]
   int rows = 0;             ///< that were fitted
+  Eigen::VectorXd input;    ///< (n) where it ends [Pa]; empty where none is known
 
   bool found() const { return reason.empty(); }
 };
@@ -33,6 +34,10 @@ struct ModeFit {
 
   bool fitted() const { return failure.empty(); }
 };
+
+/// Mean of values that differ by more than their errors (DerSimonian and Laird, 1986).
+/// @param values  at least one.
+Estimate pooled(const std::vector<Estimate>& values);
 
 /// Fits frequency f and damping ratio zeta to positions x(t) of one point of an arm in any frame,
 ///

@@ -5,6 +5,7 @@
 #include <optional>
 #include <vector>
 
+#include "helix_arm/dynamics/motion_config.hpp"
 #include "helix_arm/model/response.hpp"
 
 /// How a simulated rig deviates from its scene: what a scene says of it, without OpenCV.
@@ -23,10 +24,11 @@ struct MountDeviation {
   void validate() const;
 };
 
-/// A vibration of the true arm about its shape at rest, alike in every entry of the twists.
-struct SwingMode {
-  double frequency = 0.0;  ///< of the free arm without damping, > 0 [Hz]
-  double damping = 0.0;    ///< ratio, in (0, 1)
+/// Inertia and damping of the true arm. Its weight is the load's; these masses only resist motion.
+struct ArmInertia {
+  dynamics::MotionConfig motion;  ///< of order 0
+  std::optional<double> mass;     ///< of the whole arm [kg]; absent: the masses of the scene's load
+  std::optional<double> K_eps;    ///< of its actuators [N]; absent: the load's
 };
 
 /// Difference between the true arm and the arm of its scene.
@@ -45,9 +47,9 @@ struct ArmDeviation {
   Eigen::VectorXd stroke_scales = {};
   /// (n) factors on K_gamma, K_tau and K_kappa of each actuator, > 0; empty: 1 each.
   Eigen::VectorXd stiffness_scales = {};
-  /// Vibration of a SimulatedRig, as the response: how it swings, and the time by which it follows
-  /// its pressures late, >= 0 [s].
-  std::optional<SwingMode> mode = std::nullopt;
+  /// Motion of a SimulatedRig, as the response; absent: it follows its rest at once.
+  std::optional<ArmInertia> inertia = std::nullopt;
+  /// Time by which a SimulatedRig follows its pressures late, >= 0 [s].
   double dead_time = 0.0;
 
   /// @throws std::invalid_argument naming the value and its rule.

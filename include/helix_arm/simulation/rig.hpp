@@ -9,6 +9,7 @@
 
 #include <opencv2/core.hpp>
 
+#include "helix_arm/dynamics/motion.hpp"
 #include "helix_arm/localization/arm_view.hpp"
 #include "helix_arm/model/arm.hpp"
 #include "helix_arm/model/arm_response.hpp"
@@ -69,13 +70,20 @@ class TrueArm {
   Eigen::VectorXd stroke_scale_;  // (n)
 };
 
-/// Second-order motion of an arm's bends about its shape at rest; all else follows at once. The
-/// frequency goes with 1 / length, as at a constant moment for each radian of bend.
+/// Motion of a true arm about the shape at rest that balances its pressures and load,
+///
+///   M(q) q'' + c(q, q') + D q' + K (q - q_0) = 0,
+///
+/// with its mean twists q, as dynamics::MovingArmOf has them, and those q_0 at rest.
 class Swing {
  public:
-  /// @param length  of the arm without pressure, to which the mode's frequency belongs [m].
-  Swing(const SwingMode& mode, double length) : mode_(mode), length_(length) {}
-  /// Advances by dt >= 0 [s] while the arm tends to this shape. The first one is where it starts.
+  /// @param load  of the arm; null without. @throws as dynamics::MovingArmOf does.
+  Swing(const model::Arm& arm, const std::optional<statics::Load>& load, const ArmInertia& inertia);
+  Swing(const Swing&) = delete;
+  Swing& operator=(const Swing&) = delete;
+  /// Advances by dt >= 0 [s] while the shape at rest goes evenly to this one; the first one is
+  /// where it starts, and where an infinite time ends.
+  /// @throws std::runtime_error if a step finds no solution.
   void step(const model::Shape& rest, double dt);
   /// Lets the next shape be where it starts.
   void restart() { shape_ = {}; }
@@ -83,10 +91,10 @@ class Swing {
   const model::Shape& shape() const { return shape_; }
 
  private:
-  SwingMode mode_;
-  double length_;
+  dynamics::MovingArmOf<lie::SE3> arm_;
+  dynamics::MotionOf<lie::SE3> motion_;
+  model::Twists rest_;
   model::Shape shape_;
-  model::Twists rate_;  // (6 x sections) per second
 };
 
 /// A true arm in motion: it follows its pressures with a dead time and a response, and swings about
@@ -114,8 +122,8 @@ class MovingArm {
   double dead_time_;
   double time_ = 0.0;                                          // the sum of the steps [s]
   std::deque<std::pair<double, Eigen::VectorXd>> on_the_way_;  // pressures that the arm has not yet
-  std::optional<Swing> swing_;
-  std::optional<double> last_reading_;  // its time [s]
+  std::unique_ptr<Swing> swing_;                               // null without inertia
+  std::optional<double> last_reading_;                         // its time [s]
 };
 
 /// Configuration of the camera of a simulated rig.

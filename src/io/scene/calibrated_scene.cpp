@@ -385,6 +385,27 @@ void putMode(const estimation::Mode& mode, Value& document) {
   setValue(follow, "mode_damping", numberValue(mode.damping));
 }
 
+void putMass(double factor, Value& document) {
+  Value& mass = *findValue(*findValue(document, "load"), "mass_kg");
+  const auto scaled = [factor](const Value& one) {
+    return numberValue(factor * *parseNumber(one.text));
+  };
+  if (mass.kind != Value::Kind::kList) {
+    mass = scaled(mass);
+  } else {
+    for (Value::Entry& one : mass.entries) one.value = scaled(one.value);
+  }
+}
+
+void putDamping(const dynamics::StrainTimes& damping, Value& document) {
+  Value times = mapOf({});
+  setValue(times, "stretch", numberValue(damping.stretch));
+  setValue(times, "shear", numberValue(damping.shear));
+  setValue(times, "twist", numberValue(damping.twist));
+  setValue(times, "bend", numberValue(damping.bend));
+  setValue(mapIn(document, "dynamics"), "damping_s", std::move(times));
+}
+
 // Applies the changes to the document of a scene: scales last, since they are of the new curves.
 void putCalibration(const Scene& scene, const SceneCalibration& changes, Value& document,
                     FaultList& faults) {
@@ -402,6 +423,8 @@ void putCalibration(const Scene& scene, const SceneCalibration& changes, Value& 
     putResponse(scene, name, response, document);
   }
   if (changes.mode) putMode(*changes.mode, document);
+  if (changes.mass_factor) putMass(*changes.mass_factor, document);
+  if (changes.damping) putDamping(*changes.damping, document);
   if (changes.X_CB) putCamera(scene, *changes.X_CB, document);
   if (changes.X_BF) setValue(tagsOf(scene, document), "frame", poseValue(*changes.X_BF));
   putMotionCapture(changes.motion_capture, document);
@@ -447,6 +470,8 @@ void addChange(estimation::FitParameter parameter, const Scene& scene,
     case FitParameter::kContraction:  // have fits of their own
     case FitParameter::kResponse:
     case FitParameter::kMode:
+    case FitParameter::kMass:
+    case FitParameter::kDamping:
     case FitParameter::kRingRadius:
     case FitParameter::kRingPhase:
       return;

@@ -1,7 +1,9 @@
 #include <algorithm>
+#include <exception>
 #include <filesystem>
 
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/dynamics/arm_motion.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/simulation/rig.hpp"
@@ -83,19 +85,32 @@ void takeErrors(const Provenance& calibration, const estimation::TagPrior& prior
 
 }  // namespace
 
-dynamics::MotionConfig readDynamics(const MapReader& scene) {
-  constexpr NumberRule kDamping = within(kNotNegative, 0, 1e3, " s");
-  dynamics::MotionConfig config;
-  dynamics::StrainTimes& damping = config.damping;
-  scene.map("dynamics",
-            {{"damping_s",
-              {Key("stretch", kDamping, damping.stretch), Key("shear", kDamping, damping.shear),
-               Key("twist", kDamping, damping.twist), Key("bend", kDamping, damping.bend)}},
-             Key("inertia_radius_m", kLength, config.inertia_radius),
-             Key("order", Whole{0, dynamics::kMostOrder}, config.order),
-             Key("step_s", within(kPositive, 1e-6, 0.1, " s"), config.step)});
-  return config;
+namespace {
+
+constexpr double kTypicalInput = 0.3;  // part of the limits
+
+// The slowest vibration of the arm at typical pressures, where masses and damping tell it.
+std::optional<dynamics::Vibration> slowestOf(const MapReader& scene, const ArmParts* arm,
+                                             const statics::Load* load,
+                                             const dynamics::MotionConfig& config) {
+  const dynamics::StrainTimes& damping = config.damping;
+  const auto has_mass = [](double mass) { return mass > 0; };
+  if (arm == nullptr || load == nullptr || !(damping.bend + damping.twist + damping.shear > 0) ||
+      std::none_of(load->mass.begin(), load->mass.end(), has_mass) || !arm->arm.isLinear() ||
+      !load->tables.empty()) {
+    return std::nullopt;
+  }
+  try {
+    const dynamics::ArmMotion motion(arm->arm, arm->planar, *load, config);
+    const auto found = dynamics::vibrationsOf(motion.linearisedAt(arm->arm.inputAt(kTypicalInput)));
+    return found.empty() ? std::nullopt : std::optional(found.front());
+  } catch (const std::exception& error) {
+    scene.complain("dynamics", "tells no vibration of the arm: ", error.what());
+    return std::nullopt;
+  }
 }
+
+}  // namespace
 
 Scene makeScene(const Value& document, FaultList& faults) {
   const MapReader keys(document, "", keysOf(sceneKind().keys), faults);
@@ -105,11 +120,13 @@ Scene makeScene(const Value& document, FaultList& faults) {
   const MotionCapture motion_capture = readMotionCapture(keys);
   auto camera = readCamera(keys);
   vision::LocalizerConfig vision = readVision(keys, tags ? tags->family : std::string());
-  SimulationConfig simulation = readSimulation(keys, known_arm);
+  const statics::Load* const load = model && model->load() ? &*model->load() : nullptr;
+  const dynamics::MotionConfig dynamics = readDynamics(keys);
+  SimulationConfig simulation = readSimulation(keys, known_arm, load, dynamics);
   auto regulator = readRegulator(keys, known_arm);
   SafetyConfig safety = readSafety(keys, known_arm, regulator);
-  const dynamics::MotionConfig dynamics = readDynamics(keys);
-  const follow::VisualServoConfig follow = readFollow(keys, safety, regulator);
+  const follow::VisualServoConfig follow =
+      readFollow(keys, safety, regulator, slowestOf(keys, known_arm, load, dynamics));
   std::optional<Provenance> calibration = readProvenance(keys);
   faults.throwIfAny();
   Scene scene(std::move(*name), std::move(arm->arm), std::move(*model));

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "helix_arm/dynamics/motion_config.hpp"
 #include "helix_arm/io/regulator_profile.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/statics/load.hpp"
@@ -132,7 +133,10 @@ MotionCapture readMotionCapture(const MapReader& scene);
 vision::LocalizerConfig readVision(const MapReader& scene, const std::string& family);
 
 /// Reads `simulation`.
-SimulationConfig readSimulation(const MapReader& scene, const ArmParts* arm);
+/// @param load   of the scene; null without. @param usual  what the rig's arm moves by where
+///     `simulation.arm.dynamics` says nothing else.
+SimulationConfig readSimulation(const MapReader& scene, const ArmParts* arm,
+                                const statics::Load* load, const dynamics::MotionConfig& usual);
 
 /// The profile of a device: the map below the single key of a document, its kind of regulator.
 ///
@@ -157,9 +161,11 @@ SafetyConfig readSafety(const MapReader& scene, const ArmParts* arm,
 dynamics::MotionConfig readDynamics(const MapReader& scene);
 
 /// Reads `follow`.
-/// @param safety  tells the regulator's lag.
+/// @param safety   tells the regulator's lag.
+/// @param slowest  vibration of the arm where `follow.mode_hz` tells none.
 follow::VisualServoConfig readFollow(const MapReader& scene, const SafetyConfig& safety,
-                                     const std::optional<regulator::Config>& regulator);
+                                     const std::optional<regulator::Config>& regulator,
+                                     const std::optional<dynamics::Vibration>& slowest);
 
 /// Reads `calibration`.
 std::optional<Provenance> readProvenance(const MapReader& scene);

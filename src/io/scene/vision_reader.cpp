@@ -119,36 +119,71 @@ std::vector<Key> visionKeys(vision::LocalizerConfig& config) {
           {"bleed_prior_m", kSmallLength, fit.border_shift_prior}};
 }
 
+std::vector<Key> motionKeys(dynamics::MotionConfig& config) {
+  constexpr NumberRule kDamping = within(kNotNegative, 0, 1e3, " s");
+  dynamics::StrainTimes& damping = config.damping;
+  return {{"damping_s",
+           {{"stretch", kDamping, damping.stretch},
+            {"shear", kDamping, damping.shear},
+            {"twist", kDamping, damping.twist},
+            {"bend", kDamping, damping.bend}}},
+          {"inertia_radius_m", kLength, config.inertia_radius},
+          {"step_s", within(kPositive, 1e-6, 0.1, " s"), config.step}};
+}
+
 constexpr double kUsualDamping = 0.1;  // of muscles and bellows
 constexpr NumberRule kStiffnessScale = within(kPositive, 1e-3, 1e3);
 constexpr NumberRule kScaleOfLength = within(kPositive, 0.5, 2);
 constexpr NumberRule kMountTranslation = within(kNotNegative, 0, 1, " m");
 constexpr NumberRule kMountRotation = within(kNotNegative, 0, 45, " degrees");
 
-// @param actuators  0 if the arm has faults: the number of scales is then not checked.
-std::vector<Key> deviationKeys(simulation::ArmDeviation& arm, std::size_t actuators) {
+// @param arm   null if it has faults. @param load  of the scene; null without.
+void readInertia(const MapReader& rig, const std::string& key, const ArmParts* arm,
+                 const statics::Load* load, simulation::ArmInertia& inertia) {
+  std::vector<Key> rows = motionKeys(inertia.motion);
+  rows.insert(rows.begin(), {{"mass_kg", within(kPositive, 1e-6, 1e3, " kg"), inertia.mass},
+                             {"K_eps_n", within(kPositive, 1e-3, 1e7, " N"), inertia.K_eps}});
+  const auto keys = rig.map(key, rows);
+  if (!keys || arm == nullptr || !keys->isSound()) return;
+  const auto none = [](double mass) { return !(mass > 0); };
+  const bool has_masses =
+      load != nullptr && std::none_of(load->mass.begin(), load->mass.end(), none);
+  if (!inertia.mass && !has_masses) {
+    keys->fault("mass_kg", "the mass of the arm [kg], as the scene has no load.mass_kg");
+  }
+  if (!inertia.K_eps && load == nullptr) {
+    keys->fault("K_eps_n", "the extensional stiffness of an actuator [N], as the scene has no ",
+                "arm.stiffness.K_eps_n");
+  }
+  if (!arm->arm.isLinear() || (load != nullptr && !load->tables.empty())) {
+    rig.complain(key,
+                 "needs sections without taper, and stiffness that does not depend on "
+                 "pressure; leave it out");
+  }
+}
+
+// @param arm_parts  null if the arm has faults: the number of scales is then not checked.
+std::vector<Key> deviationKeys(simulation::ArmDeviation& arm, const ArmParts* arm_parts,
+                               const statics::Load* load, const dynamics::MotionConfig& usual) {
+  const std::size_t actuators = arm_parts == nullptr ? 0 : arm_parts->arm.actuatorCount();
   const Numbers lengths{kScaleOfLength, actuators}, stiffnesses{kStiffnessScale, actuators};
-  return {
-      {"K_gamma_scale", kStiffnessScale, arm.K_gamma_scale},
-      {"K_kappa_scale", kStiffnessScale, arm.K_kappa_scale},
-      {"length_scale", kScaleOfLength, arm.length_scale},
-      {"length_scales", lengths, arm.length_scales},
-      {"K_eps_scale", kStiffnessScale, arm.K_eps_scale},
-      {"stroke_scales", lengths, arm.stroke_scales},
-      {"stiffness_scales", stiffnesses, arm.stiffness_scales},
-      {"dead_time_s", within(kNotNegative, 0, 1, " s"), arm.dead_time},
-      {"mode",
-       [&arm](const MapReader& keys, const std::string& key) {
-         simulation::SwingMode mode{1.0, kUsualDamping};
-         keys.map(
-             key,
-             {Key("frequency_hz", within(kPositive, 0.01, 1000, " Hz"), mode.frequency).required(),
-              {"damping", within(kPositive, 1e-3, 0.999), mode.damping}});
-         arm.mode = mode;
-       }},
-      {"response", [&arm](const MapReader& keys, const std::string& key) {
-         arm.response = readResponse(keys, key);
-       }}};
+  return {{"K_gamma_scale", kStiffnessScale, arm.K_gamma_scale},
+          {"K_kappa_scale", kStiffnessScale, arm.K_kappa_scale},
+          {"length_scale", kScaleOfLength, arm.length_scale},
+          {"length_scales", lengths, arm.length_scales},
+          {"K_eps_scale", kStiffnessScale, arm.K_eps_scale},
+          {"stroke_scales", lengths, arm.stroke_scales},
+          {"stiffness_scales", stiffnesses, arm.stiffness_scales},
+          {"dead_time_s", within(kNotNegative, 0, 1, " s"), arm.dead_time},
+          {"dynamics",
+           [=, &arm](const MapReader& keys, const std::string& key) {
+             arm.inertia = simulation::ArmInertia{usual, std::nullopt, std::nullopt};
+             arm.inertia->motion.order = 0;
+             readInertia(keys, key, arm_parts, load, *arm.inertia);
+           }},
+          {"response", [&arm](const MapReader& keys, const std::string& key) {
+             arm.response = readResponse(keys, key);
+           }}};
 }
 
 std::vector<Key> mountKeys(simulation::MountDeviation& mounts) {
@@ -183,24 +218,14 @@ double usualNoise(const std::optional<regulator::Config>& regulator) {
   return simulated != nullptr ? std::max(simulated->noise, kLeastReadingNoise) : kHardwareNoise;
 }
 
-// Times derived from the arm's vibration; a given smoothing time must be long enough.
-void setVibration(const MapReader& keys, const std::optional<double>& given,
-                  const std::optional<double>& frequency, double damping,
-                  follow::VisualServoConfig& loop) {
-  loop.smoothing = given.value_or(loop.smoothing);
-  if (keys.has("mode_damping") && !keys.has("mode_hz")) {
-    keys.complain("mode_damping", "is given without mode_hz; expected both or none");
-  }
-  if (!frequency) return;
-  if (*frequency < kFastestMode) loop.mode = estimation::Mode{*frequency, damping};
-  loop.filter.settling_time = 1 / (2 * basics::kPi * *frequency * damping);
-  const double least = follow::smoothingFor(*frequency, damping, loop.time_constant);
-  if (given && *given < least) {
-    keys.fault("smoothing_s", "at least ", formatNumber(std::ceil(100 * least) / 100),
-               " s, or the loop excites an arm with this mode_hz and mode_damping; leave out "
-               "smoothing_s to use that value");
-  }
+// Times derived from the arm's vibration. @return the least smoothing time that does not excite it.
+double setVibration(const dynamics::Vibration& vibration, follow::VisualServoConfig& loop) {
+  const auto [frequency, damping] = vibration;
+  if (frequency < kFastestMode) loop.mode = estimation::Mode{frequency, damping};
+  loop.filter.settling_time = 1 / (2 * basics::kPi * frequency * damping);
+  const double least = follow::smoothingFor(frequency, damping, loop.time_constant);
   loop.smoothing = std::max(loop.smoothing, least);
+  return least;
 }
 
 }  // namespace
@@ -303,17 +328,26 @@ vision::LocalizerConfig readVision(const MapReader& scene, const std::string& fa
   return config;
 }
 
-SimulationConfig readSimulation(const MapReader& scene, const ArmParts* arm) {
+dynamics::MotionConfig readDynamics(const MapReader& scene) {
+  dynamics::MotionConfig config;
+  std::vector<Key> keys = motionKeys(config);
+  keys.emplace_back("order", Whole{0, dynamics::kMostOrder}, config.order);
+  scene.map("dynamics", keys);
+  return config;
+}
+
+SimulationConfig readSimulation(const MapReader& scene, const ArmParts* arm,
+                                const statics::Load* load, const dynamics::MotionConfig& usual) {
   SimulationConfig config;
-  const std::size_t actuators = arm == nullptr ? 0 : arm->arm.actuatorCount();
-  scene.map("simulation", {{"arm", deviationKeys(config.arm, actuators)},
+  scene.map("simulation", {{"arm", deviationKeys(config.arm, arm, load, usual)},
                            {"mounts", mountKeys(config.mounts)},
                            {"camera", pictureKeys(config.camera)}});
   return config;
 }
 
 follow::VisualServoConfig readFollow(const MapReader& scene, const SafetyConfig& safety,
-                                     const std::optional<regulator::Config>& regulator) {
+                                     const std::optional<regulator::Config>& regulator,
+                                     const std::optional<dynamics::Vibration>& slowest) {
   follow::VisualServoConfig loop{};
   loop.time_constant = safety.rules.time_constant;
   for (const control::ChannelRules& channel : safety.channels) {
@@ -342,8 +376,22 @@ follow::VisualServoConfig readFollow(const MapReader& scene, const SafetyConfig&
        {"yield_timeout_s", kFollowTime, loop.yield_timeout},
        {"contact_limit", within(kPositive, 1, 1e6), loop.contact.limit},
        {"reading_noise_kpa", within(kPositive, 1e-3, 100, " kPa"), loop.reading_noise, kKilo}});
+  loop.smoothing = smoothing.value_or(loop.smoothing);
+  const std::optional<dynamics::Vibration> vibration =
+      frequency ? dynamics::Vibration{*frequency, damping} : slowest;
+  const double least = vibration ? setVibration(*vibration, loop) : 0.0;
   if (!keys) return loop;
-  setVibration(*keys, smoothing, frequency, damping, loop);
+  if (smoothing && *smoothing < least) {
+    keys->fault("smoothing_s", "at least ", formatNumber(std::ceil(100 * least) / 100),
+                " s, or the loop excites an arm of ",
+                formatNumber(std::round(100 * vibration->frequency) / 100),
+                " Hz with a damping ratio of ",
+                formatNumber(std::round(1000 * vibration->damping) / 1000),
+                "; leave out smoothing_s to use that value");
+  }
+  if (keys->has("mode_damping") && !keys->has("mode_hz")) {
+    keys->complain("mode_damping", "is given without mode_hz; expected both or none");
+  }
   if (keys->has("creep")) loop.watch_creep = kWatchedCreep * filter.creep;
   return loop;
 }
