@@ -427,9 +427,9 @@ class CalibrationJob {
     const double before = times.bend;
     if (!(times.bend > 0)) times = {kUsualTime, kUsualTime, kUsualTime, kUsualTime};
     FittedInertia found;
-    found.fit =
-        estimation::fitInertia(scene_->arm, scene_->planar, *load, config, outcome_.mode->fit,
-                               {fits(FitParameter::kMass), fits(FitParameter::kDamping)});
+    found.fit = estimation::fitInertia(scene_->arm, scene_->planar, *load, config,
+                                       data_.tips.history, outcome_.mode->fit,
+                                       {fits(FitParameter::kMass), fits(FitParameter::kDamping)});
     if (!found.fit.failure.empty()) return "mass and damping: " + found.fit.failure;
     const auto [mass_factor, mass_error] = found.fit.mass;
     const auto [factor, error] = found.fit.damping;

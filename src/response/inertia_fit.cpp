@@ -24,17 +24,9 @@ class Scaled {
          const statics::Load& load, const dynamics::MotionConfig& config)
       : arm_(arm), planar_(planar), load_(load), config_(config) {}
 
-  // The slowest vibration at inputs (n). Throws std::runtime_error where nothing vibrates.
+  // The slowest small vibration at inputs (n). Throws std::runtime_error where nothing vibrates.
   Vibration at(double mass, double damping, const Eigen::VectorXd& input) const {
-    statics::Load load = load_;
-    for (double& one : load.mass) one *= mass;
-    dynamics::MotionConfig config = config_;
-    for (double* time : {&config.damping.stretch, &config.damping.shear, &config.damping.twist,
-                         &config.damping.bend}) {
-      *time *= damping;
-    }
-    const dynamics::ArmMotion motion(arm_, planar_, load, config);
-    const auto found = dynamics::vibrationsOf(motion.linearisedAt(input));
+    const auto found = dynamics::vibrationsOf(motion(mass, damping).linearisedAt(input));
     if (found.empty()) {
       throw std::runtime_error(
           "the arm of the scene does not vibrate with such masses and damping");
@@ -42,81 +34,178 @@ class Scaled {
     return found.front();
   }
 
+  // Its rings after the steps of a recording.
+  ModeFit ringsOf(double mass, double damping, const model::InputHistory& history) const {
+    const dynamics::ArmMotion moving = motion(mass, damping);
+    Eigen::MatrixXd tips(history.rows(), 3);
+    for (Eigen::Index begin = 0, end = 0; begin < history.rows(); begin = end) {
+      dynamics::InputSeries series;
+      for (end = begin; end == begin || (end < history.rows() && !history.starts_anew[end]);
+           ++end) {
+        series.time.push_back(history.time[end]);
+      }
+      series.input.resize(end - begin, history.input.cols());
+      for (Eigen::Index row = begin; row < end; ++row) {
+        series.input.row(row - begin) = arm_.clamped(history.input.row(row)).transpose();
+      }
+      moving.follow(
+          series, dynamics::Start::kRest, series.time, [&](std::size_t row, const lie::SE3& tip) {
+            tips.row(begin + static_cast<Eigen::Index>(row)) = tip.translation.transpose();
+            return true;
+          });
+    }
+    return fitMode(history, tips);
+  }
+
   Eigen::VectorXd inputOf(const RingDown& ring) const {
     return ring.input.size() == 0 ? arm_.inputAt(0.0) : arm_.clamped(ring.input);
   }
 
  private:
+  dynamics::ArmMotion motion(double mass, double damping) const {
+    statics::Load load = load_;
+    for (double& one : load.mass) one *= mass;
+    dynamics::MotionConfig config = config_;
+    for (double* time : {&config.damping.stretch, &config.damping.shear, &config.damping.twist,
+                         &config.damping.bend}) {
+      *time *= damping;
+    }
+    return {arm_, planar_, load, config};
+  }
+
   const model::Arm& arm_;
   const std::optional<model::PlanarArm>& planar_;
   const statics::Load& load_;
   const dynamics::MotionConfig& config_;
 };
 
-// The factor on the masses with which the arm has the release's frequency: the secant method, in
-// logarithms.
-Estimate massOf(const Scaled& arm, const RingDown& ring) {
+// The factor on the masses with which small vibrations have the release's frequency, by the secant
+// method in logarithms, and the change of its logarithm by that of the frequency.
+struct MassOf {
+  double mass, by_frequency;
+
+  MassOf(const Scaled& arm, const RingDown& ring) {
+    const Eigen::VectorXd input = arm.inputOf(ring);
+    const auto excess = [&](double log_mass) {
+      const Vibration found = arm.at(std::exp(log_mass), kLittleDamping, input);
+      return std::log(found.frequency / ring.frequency.value);
+    };
+    double x = 0.0, at = excess(x), slope = -0.5;
+    for (int i = 0; std::abs(at) > kFound && i < kMostTries; ++i) {
+      const double next = std::clamp(x - at / slope, -kFarthest, kFarthest);
+      const double there = excess(next);
+      if (next != x) slope = std::min((there - at) / (next - x), -0.05);
+      x = next;
+      at = there;
+    }
+    if (std::abs(at) > kFound) {
+      throw std::runtime_error(basics::messageOf(
+          "no masses of the sections make it vibrate at ", ring.frequency.value,
+          " Hz; check arm.stiffness.K_eps_n, and the masses of load.tip and load.points"));
+    }
+    mass = std::exp(x);
+    by_frequency = 1 / slope;
+  }
+};
+
+// The factor on the damping with which small vibrations have the release's damping ratio.
+double dampingOf(const Scaled& arm, const RingDown& ring, double mass) {
   const Eigen::VectorXd input = arm.inputOf(ring);
-  const auto excess = [&](double log_mass) {
-    const Vibration found = arm.at(std::exp(log_mass), kLittleDamping, input);
-    return std::log(found.frequency / ring.frequency.value);
-  };
-  double x = 0.0, at = excess(x), slope = -0.5;
-  for (int i = 0; std::abs(at) > kFound && i < kMostTries; ++i) {
-    const double next = std::clamp(x - at / slope, -kFarthest, kFarthest);
-    const double there = excess(next);
-    if (next != x) slope = std::min((there - at) / (next - x), -0.05);
-    x = next;
-    at = there;
-  }
-  if (std::abs(at) > kFound) {
-    throw std::runtime_error(basics::messageOf(
-        "no masses of the sections make it vibrate at ", ring.frequency.value,
-        " Hz; check arm.stiffness.K_eps_n, and the masses of load.tip and load.points"));
-  }
-  const double relative = ring.frequency.standard_error / ring.frequency.value;
-  return {std::exp(x), std::exp(x) * relative / -slope};
+  double factor = kLittleDamping;
+  for (int i = 0; i < 4; ++i) factor *= ring.damping.value / arm.at(mass, factor, input).damping;
+  return factor;
 }
 
-// The factor on the damping with which it has the release's damping ratio.
-Estimate dampingOf(const Scaled& arm, const RingDown& ring, double mass) {
-  const Eigen::VectorXd input = arm.inputOf(ring);
-  const double ratio = ring.damping.value;
-  double factor = kLittleDamping;
-  for (int i = 0; i < 4; ++i) factor *= ratio / arm.at(mass, factor, input).damping;
-  return {factor, factor * ring.damping.standard_error / ratio};
-}
+double relativeError(const Estimate& one) { return one.standard_error / one.value; }
+
+// A fit by the releases that ring.
+class Fit {
+ public:
+  Fit(const Scaled& arm, const ModeFit& rings, const InertiaParts& parts)
+      : arm_(arm), parts_(parts) {
+    for (const RingDown& ring : rings.rings) {
+      if (ring.found()) measured_.push_back(&ring);
+    }
+  }
+
+  // By small vibrations.
+  void begin(InertiaFit& fit) {
+    std::vector<Estimate> masses, dampings;
+    for (const RingDown* ring : measured_) {
+      const MassOf found(arm_, *ring);
+      by_frequency_.push_back(found.by_frequency);
+      masses.push_back(
+          {found.mass, found.mass * std::abs(found.by_frequency) * relativeError(ring->frequency)});
+    }
+    if (parts_.mass) fit.mass = pooled(masses);
+    for (const RingDown* ring : measured_) {
+      const double factor = dampingOf(arm_, *ring, fit.mass.value);
+      dampings.push_back({factor, factor * relativeError(ring->damping)});
+    }
+    if (parts_.damping) fit.damping = pooled(dampings);
+  }
+
+  // What the arm with these factors does after each release.
+  void predict(const model::InputHistory& history, const ModeFit& rings, InertiaFit& fit) const {
+    const auto [mass, damping] = std::pair(fit.mass.value, fit.damping.value);
+    std::optional<ModeFit> simulated;
+    if (history.input.cols() > 0) simulated = arm_.ringsOf(mass, damping, history);
+    fit.predicted.clear();
+    for (std::size_t i = 0; i < rings.rings.size(); ++i) {
+      if (!rings.rings[i].found()) continue;
+      const bool rings_too = simulated && simulated->rings[i].found();
+      fit.predicted.push_back(rings_too ? Vibration{simulated->rings[i].frequency.value,
+                                                    simulated->rings[i].damping.value}
+                                        : arm_.at(mass, damping, arm_.inputOf(rings.rings[i])));
+    }
+  }
+
+  // Corrects the factors by what was predicted.
+  void correct(InertiaFit& fit) const {
+    std::vector<Estimate> masses, dampings;
+    for (std::size_t i = 0; i < measured_.size(); ++i) {
+      const RingDown& ring = *measured_[i];
+      const double mass =
+          fit.mass.value *
+          std::pow(ring.frequency.value / fit.predicted[i].frequency, by_frequency_[i]);
+      const double damping = fit.damping.value * ring.damping.value / fit.predicted[i].damping;
+      masses.push_back({mass, mass * std::abs(by_frequency_[i]) * relativeError(ring.frequency)});
+      dampings.push_back({damping, damping * relativeError(ring.damping)});
+    }
+    if (parts_.mass) fit.mass = pooled(masses);
+    if (parts_.damping) fit.damping = pooled(dampings);
+  }
+
+ private:
+  const Scaled& arm_;
+  const InertiaParts parts_;
+  std::vector<const RingDown*> measured_;
+  std::vector<double> by_frequency_;  // of the logarithm of the mass, about -2
+};
 
 }  // namespace
 
 InertiaFit fitInertia(const model::Arm& arm, const std::optional<model::PlanarArm>& planar,
                       const statics::Load& load, const dynamics::MotionConfig& config,
-                      const ModeFit& rings, const InertiaParts& parts) {
-  InertiaFit fit;
-  fit.failure = rings.failure;
-  if (!fit.failure.empty()) return fit;
+                      const model::InputHistory& history, const ModeFit& rings,
+                      const InertiaParts& parts) {
+  constexpr int kCorrections = 3;
+  InertiaFit out;
+  out.failure = rings.failure;
+  if (!out.failure.empty()) return out;
   const Scaled scaled(arm, planar, load, config);
-  const auto each = [&rings](const auto& factorOf) {
-    std::vector<Estimate> found;
-    for (const RingDown& ring : rings.rings) {
-      if (ring.found()) found.push_back(factorOf(ring));
-    }
-    return pooled(found);
-  };
+  Fit fit(scaled, rings, parts);
   try {
-    if (parts.mass) fit.mass = each([&](const RingDown& ring) { return massOf(scaled, ring); });
-    if (parts.damping) {
-      fit.damping =
-          each([&](const RingDown& ring) { return dampingOf(scaled, ring, fit.mass.value); });
+    fit.begin(out);
+    for (int i = 0; i < kCorrections; ++i) {
+      fit.predict(history, rings, out);
+      fit.correct(out);
     }
-    for (const RingDown& ring : rings.rings) {
-      if (!ring.found()) continue;
-      fit.predicted.push_back(scaled.at(fit.mass.value, fit.damping.value, scaled.inputOf(ring)));
-    }
+    fit.predict(history, rings, out);
   } catch (const std::runtime_error& error) {
-    fit.failure = error.what();
+    out.failure = error.what();
   }
-  return fit;
+  return out;
 }
 
 }  // namespace helix_arm::estimation

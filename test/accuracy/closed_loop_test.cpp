@@ -17,6 +17,7 @@
 #include "helix_arm/procedures/captures.hpp"
 #include "helix_arm/procedures/follow_run.hpp"
 #include "helix_arm/procedures/pressure_plan.hpp"
+#include "helix_arm/statics/payload.hpp"
 #include "support/random.hpp"
 #include "support/rig_captures.hpp"
 #include "support/shipped_scene.hpp"
@@ -205,6 +206,37 @@ TEST(ClosedLoop, CreepThatTheSceneKnowsIsMadeUpFor) {
   EXPECT_LE(with.steady_rms, 0.002);
   EXPECT_LT(with.steady_rms, 0.6 * without.steady_rms);
   EXPECT_TRUE(result.alarms.empty());
+}
+
+// A weight is hung on the tip, and the scene knows it.
+TEST(ClosedLoop, HoldsWhatThePayloadAllowsAndNamesTheMuscleThatEndsIt) {
+  const auto scene = [](double weight) {
+    const std::string load = "{mass_kg: 0.2, tip: {mass_kg: " + std::to_string(weight) + "}}";
+    return test::shippedScene("loaded", {{"load", load}, {"simulation.arm", "{}"}});
+  };
+  const io::Scene free = scene(0.0);
+  FollowPlan plan;
+  plan.tips = {free.model.tip(free.arm.inputAt(Eigen::Vector3d(0.45, 0.15, 0.1))).tip.translation};
+  plan.seconds = 8;
+  statics::PayloadSolver solver(free.model);
+  solver.moveTo(plan.tips.front());
+  const statics::Payload payload = solver.along(free.model.load()->gravity);
+  ASSERT_EQ(payload.end, statics::PayloadEnd::kLimits);
+  const double gravity = free.model.load()->gravity.norm();
+  std::array<double, 2> error{};
+  for (int i = 0; i < 2; ++i) {
+    const io::Scene heavy = scene((i == 0 ? 0.95 : 1.05) * payload.force / gravity);
+    const FollowResult result = run(heavy, plan);
+    error[i] = (result.rows.back().true_tip - plan.tips.front()).norm();
+    if (i == 0) continue;
+    EXPECT_TRUE(result.figures.unreachable.front());
+    EXPECT_EQ(result.figures.limits.front(), payload.limits);
+  }
+  std::printf(
+      "[  FIGURE  ] payload %.1f N: with 95 %% of it the tip is %.2f mm off, with 105 %% %.2f mm\n",
+      payload.force, kMm * error[0], kMm * error[1]);
+  EXPECT_LT(error[0], solver.positionTolerance());
+  EXPECT_GT(error[1], solver.positionTolerance());
 }
 
 // The demo's rig with other modes of vibration. The filter's parameters do not describe it but for

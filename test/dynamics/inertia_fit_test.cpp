@@ -69,8 +69,8 @@ TEST(InertiaFit, FindsMassAndDampingOfAnArmThatRings) {
     test::Random random(static_cast<unsigned>(seed));
     const Recording recording = recordingOf(arm, random, 2e-4);
     const ModeFit rings = fitMode(recording.history, recording.tips);
-    const InertiaFit fit =
-        fitInertia(arm, std::nullopt, loadOf(0.15), configOf(0.03), rings, {true, true});
+    const InertiaFit fit = fitInertia(arm, std::nullopt, loadOf(0.15), configOf(0.03),
+                                      recording.history, rings, {true, true});
     ASSERT_EQ(fit.failure, "") << seed;
     const double mass = fit.mass.value * 0.15 / kMass - 1,
                  time = fit.damping.value * 0.03 / kTime - 1;

@@ -58,10 +58,11 @@ class ExamplesTest(unittest.TestCase):
             np.testing.assert_allclose(scene.tips(saved["pressures_pa"]), saved["tips"], atol=1e-14)
 
     def test_sampling_mpc(self):
-        text = self.run_example("sampling_mpc.py")
-        first, last = [float(number) for number in re.findall(r"([\d.]+) mm", text)]
-        self.assertGreater(first, 30)
-        self.assertLess(last, 2)
+        text = self.run_example("sampling_mpc.py", "--samples", 120)
+        planned, closed, learning = [float(number) for number in re.findall(r"after ([\d.]+) s", text)]
+        self.assertLess(planned, 0.8 * closed)
+        self.assertLess(planned, 0.5 * learning)
+        self.assertLess(float(re.search(r"([\d.]+) mm RMS", text).group(1)), 1.5)
 
     @unittest.skipUnless(is_full_size(), FULL_SIZE_ONLY)
     def test_real_arms(self):

@@ -198,7 +198,7 @@ TEST(SimulatedRig, AnArmWithInertiaSwingsAboutItsShapeAtRest) {
   EXPECT_NEAR(largest, 1 + std::exp(-M_PI * zeta / root), 0.01);
   EXPECT_NEAR(when, M_PI / (w * root), 0.01 * when);
   for (int k = 0; k < 100; ++k) rig.step(0.1);
-  EXPECT_LT((rig.twists() - from - step).norm(), 1e-5 * step.norm());
+  EXPECT_LT((rig.twists() - from - step).norm(), 1e-4 * step.norm());
   rig.command(Eigen::Vector3d::Zero());
   rig.step(INFINITY);
   EXPECT_EQ(rig.twists(), from) << "at rest at once";

@@ -11,7 +11,7 @@ namespace helix_arm::test {
 /// `simulation.arm.dynamics` with which an arm swings at a frequency [Hz] with a damping ratio, at
 /// a third of its pressures.
 inline std::string swinging(const model::Arm& arm, double frequency, double damping) {
-  constexpr double kStiffness = 300;  // [N]
+  constexpr double kStiffness = 60;  // [N]
   statics::Load load =
       evenLoad(arm.sectionCount(), Eigen::Vector3d::Zero(), 1.0 / arm.sectionCount(), kStiffness);
   const dynamics::ArmMotion motion(arm, std::nullopt, load, {});

@@ -21,22 +21,24 @@ struct InertiaFit {
   std::string failure;         ///< why there is none; empty if there is one
   Estimate mass{1.0, 0.0};     ///< factor on the masses of the sections
   Estimate damping{1.0, 0.0};  ///< factor on the time constants of the damping
-  /// The slowest vibration of the fitted arm at the pressures of each release that rings, in their
-  /// order.
+  /// Vibration of the fitted arm after each release that rings, in their order.
   std::vector<dynamics::Vibration> predicted;
 };
 
-/// Fits masses and damping to frequencies and damping ratios of an arm that rings: the slowest
-/// vibration of its small motions about the rest where a release ends (dynamics::LinearMotion) has
-/// the natural frequency of that release, which gives a factor on the masses of the sections, and
-/// its damping ratio, which gives one on the time constants. Factors of several releases are means
-/// weighted by their errors, which include the scatter between releases.
+/// Fits masses and damping to frequencies and damping ratios of an arm that rings: factors on the
+/// masses of the sections and on the time constants with which it rings alike. Where steps of
+/// pressure made it ring, the arm moves through the same pressures (dynamics::ArmMotion), and
+/// fitMode() takes its rings as it took those measured, so that swings may be large; elsewhere its
+/// slowest small vibration about the rest where the release ends counts (dynamics::LinearMotion).
+/// Factors of several releases are means weighted by their errors, which include the scatter
+/// between releases.
 ///
-/// @param config  with a damping that is not 0. @param rings  found by fitMode(); where their
-///     inputs are unknown, the arm counts as at its lower limits.
+/// @param config   with a damping that is not 0. @param history  of the recording; where its inputs
+///     are unknown, the arm counts as at its lower limits. @param rings  of the recording.
 /// @throws as dynamics::ArmMotion does.
 InertiaFit fitInertia(const model::Arm& arm, const std::optional<model::PlanarArm>& planar,
                       const statics::Load& load, const dynamics::MotionConfig& config,
-                      const ModeFit& rings, const InertiaParts& parts);
+                      const model::InputHistory& history, const ModeFit& rings,
+                      const InertiaParts& parts);
 
 }  // namespace helix_arm::estimation
