@@ -34,6 +34,13 @@ using test::demo;
 
 constexpr double kMm = 1e3;
 
+// `simulation.arm.dynamics` with which the demo's true arm swings so.
+std::string swingingAt(double frequency, double damping) {
+  const io::Scene scene = demo();
+  const simulation::TrueArm truth(scene.model, scene.simulation.arm);
+  return test::swinging(truth.arm(), frequency, damping);
+}
+
 // Tips that an arm reaches at random pressures.
 std::vector<Eigen::Vector3d> randomTips(const statics::ArmModel& model, int count, unsigned seed) {
   test::Random random(seed);
@@ -256,8 +263,7 @@ TEST_P(ClosedLoopSwinging, IsSteadyAndNotTakenForAContact) {
   if (GetParam().first == 0 && !test::isFullSize()) GTEST_SKIP() << test::kFullSizeOnly;
   const SwingingArm& swinging = GetParam();
   const io::Scene scene =
-      demo({{"simulation.arm.dynamics",
-             test::swinging(demo().arm, swinging.frequency, swinging.damping)}});
+      demo({{"simulation.arm.dynamics", swingingAt(swinging.frequency, swinging.damping)}});
   const FollowResult result = procedures::runFollow(scene, steps(scene, test::draws(14, 40), 4));
   const StepFigures figures = figuresOf(result, swinging.first);
   std::printf("[  FIGURE  ] %s: steady RMS %.2f mm, settled after %.2f s in the median, %zu alarms",
@@ -311,7 +317,7 @@ TEST(ClosedLoop, ThePredictedTipIsAsCertainAsItClaims) {
               {"simulation.arm.response",
                "{rise_time_constant_s: 0.1, fall_time_constant_s: 0.1, play_kpa: [4], "
                "play_weight: [0.7]}"},
-              {"simulation.arm.dynamics", test::swinging(demo().arm, 3, 0.2)}});
+              {"simulation.arm.dynamics", swingingAt(3, 0.2)}});
     FollowPlan tips, circle = shape(scene, TipShape::kCircle, 8);
     tips.tips = randomTips(scene.model, 6, seed);
     tips.seconds = 18;
