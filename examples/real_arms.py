@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
 """Fits recordings of other people's arms in the arms' own geometry, and predicts trials that the fits have not seen.
 
-usage: real_arms.py FOLDER   the recordings: three_chamber_steps.csv with three_chamber_guess.yaml, two_section_steps.csv,
-                             koopman_arm.csv, fabric_two_chambers.csv; those that are absent are left out
+usage: real_arms.py FOLDER [ARM]   the recordings: three_chamber_steps.csv with three_chamber_guess.yaml, two_section_steps.csv,
+                                   koopman_arm.csv, fabric_two_chambers.csv; those that are absent are left out. ARM: the
+                                   begin of a row, such as Koopman, for that row alone
 Prints one row per arm: what was fitted, the RMS distance of the tip on trials left out, with the offset of each trial taken
 off, and that of a cubic of the pressures behind a lag, fitted to those trials without the part that it predicts. The command
 helix_arm has to be on PATH. docs/real_arms.md explains each step.
@@ -120,27 +121,31 @@ def row_of_parts(name, scene, rows, folder):
 
 
 def main(arguments):
-    if len(arguments) != 1:
+    if len(arguments) not in (1, 2):
         sys.exit(__doc__.split("\n\n")[1])
-    data = Path(arguments[0])
+    data, only = Path(arguments[0]), "".join(arguments[1:])
     print("%-42s %8s %16s %8s" % ("trials that the fit has not seen", "RMS", "about offsets", "cubic"))
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        path = data / "three_chamber_steps.csv"
-        if path.exists():
+
+        def path_of(arm, file):
+            return data / file if arm.startswith(only) and (data / file).exists() else None
+
+        path = path_of("three chambers", "three_chamber_steps.csv")
+        if path:
             row("three chambers, even trials from odd [mm]", data / "three_chamber_guess.yaml", rows_of(path), ["2468"],
                 folder)
-        path = data / "two_section_steps.csv"
-        if path.exists():
+        path = path_of("two sections", "two_section_steps.csv")
+        if path:
             row("two sections, each trial left out [mm]", two_section_scene(folder / "two.yaml"), rows_of(path), "12345",
                 folder)
-        path = data / "koopman_arm.csv"
-        if path.exists():
+        path = path_of("Koopman arm", "koopman_arm.csv")
+        if path:
             even = ["2", "4", "6", "8", "10", "12"]
             row("Koopman arm, even trials from odd [units]", koopman_scene(folder / "koopman.yaml"), koopman_rows(path), [even],
                 folder, 1 / METRES_PER_UNIT)
-        path = data / "fabric_two_chambers.csv"
-        if path.exists():
+        path = path_of("fabric arm", "fabric_two_chambers.csv")
+        if path:
             row_of_parts("fabric arm, each tenth left out [mm]", fabric_scene(folder / "fabric.yaml"), fabric_rows(path), folder)
 
 

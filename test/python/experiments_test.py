@@ -133,6 +133,33 @@ class RealArmTest(unittest.TestCase):
         self.within(found["arm frequency"], 8.14, 0.005)
         self.within(found["arm damping ratio"], 0.084, 0.0005)
 
+    def analysed(self, name):
+        """Figures of `analyse all` by experiment."""
+        done = subprocess.run([COMMAND, "experiment", "analyse", "all", str(DATA / name), "--format", "json"], stdout=subprocess.PIPE)
+        sheets = json.loads(done.stdout)
+        self.assertEqual([sheet["experiment"] for sheet in sheets], ["hysteresis", "step", "creep"])
+        found = {sheet["experiment"]: sheet["figures"] for sheet in sheets}
+        self.assertEqual(done.returncode, 0 if any(one["value"] is not None for sheet in found.values() for one in sheet) else 1)
+        return found
+
+    def test_the_data_sheet_of_a_recording_says_which_protocol_is_missing(self):
+        found = self.analysed("fabric_two_chambers.csv")
+        for experiment, protocol in (("hysteresis", "triangles of its pressure"), ("step", "steps of its pressure"), ("creep", "2 min")):
+            for actuator in ("actuator_1", "actuator_2"):
+                mine = [one for one in found[experiment] if one["name"].startswith(actuator)]
+                self.assertTrue(mine)
+                for one in mine:
+                    self.assertIsNone(one["value"])
+                    self.assertIn(protocol, one["definition"])
+
+    def test_the_data_sheet_of_steps_has_lag_and_loop_width(self):
+        found = self.analysed("three_chamber_steps.csv")
+        values = {one["name"]: one for sheet in found.values() for one in sheet if one["value"] is not None}
+        for name, least, most in (("actuator_1 up 10 to 34 kPa 63 % time, tip", 0.9, 1.2), ("actuator_1 loop width at 15.7 s", 50, 80)):
+            self.assertGreater(values[name]["value"], least)
+            self.assertLess(values[name]["value"], most)
+            self.assertGreater(values[name]["standard_error"], 0)
+
 
 class RunTest(unittest.TestCase):
     def setUp(self):
