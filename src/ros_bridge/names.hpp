@@ -72,6 +72,7 @@ inline constexpr char kModelFrames[] = "model_";
 inline constexpr char kMeasuredFrames[] = "measured_";
 inline constexpr char kTipFrame[] = "tip";
 inline constexpr char kCameraFrame[] = "camera_optical";
+inline constexpr char kPoseFrame[] = "mocap";  ///< of simulated bodies
 
 // Diagnostics: `<node>: <status>`, and the keys that others read.
 inline constexpr char kLoopStatus[] = "loop";

@@ -314,7 +314,7 @@ std::optional<statics::ArmModel> readModel(const MapReader& scene, const ArmPart
 const DocumentKind& sceneKind() {
   static const DocumentKind kind{
       {"name", "contractions", "arm", "load", "dynamics", "tier", "order", "accuracy", "budget",
-       "tags", "motion_capture", "camera", "vision", "simulation", "regulator", "safety", "follow",
+       "tags", "bodies", "motion_capture", "camera", "vision", "simulation", "regulator", "safety", "follow",
        "calibration"},
       {"name", "contractions", "arm"},
       2};
