@@ -21,6 +21,7 @@ inline constexpr char kMeasured[] = "measured";
 inline constexpr char kTruth[] = "truth";         ///< of a simulated arm
 inline constexpr char kTipForce[] = "tip_force";  ///< of a simulated arm, below its node's name
 inline constexpr char kTagDetections[] = "tag_detections";
+inline constexpr char kBodyPoses[] = "body_poses";
 inline constexpr char kModelError[] = "model_error";
 inline constexpr char kVisionStatus[] = "vision_status";
 inline constexpr char kOverlay[] = "overlay";

@@ -72,6 +72,11 @@ LoadedCaptures loadCaptures(const io::Scene& scene, const io::DataSet& data,
 LoadedCaptures makeCaptures(const io::Scene& scene, const std::vector<io::TagCornerCapture>& seen,
                             const std::string& name, OutsideLimits outside = OutsideLimits::kFault);
 
+/// The same for poses of bodies from memory, seen from their frame F; pressures beyond the limits
+/// are kept.
+LoadedCaptures makeCaptures(const io::Scene& scene, std::vector<io::TagPoseCapture> seen,
+                            const std::string& name);
+
 /// A scene's arm and its captures.
 estimation::ArmCaptures makeArmCaptures(const io::Scene& scene,
                                         std::vector<estimation::Capture> captures);

@@ -80,12 +80,15 @@ int tagsOfArm(const vision::Observation& observation) {
   }));
 }
 
-// What a message says of a body besides what it says of a tag.
-void addBody(const estimation::BodyPose& pose, const estimation::TagLayout& layout,
-             TagDetection& out) {
-  out.is_body = true;
-  out.name = layout.tags[static_cast<std::size_t>(pose.body)].name;
-  out.pose = toPoseMsg(pose.X_CM);
+BodyPoses toMsg(const std_msgs::Header& header, const std::vector<estimation::BodyPose>& poses,
+                const estimation::TagLayout& layout) {
+  BodyPoses msg;
+  msg.header = header;
+  for (const estimation::BodyPose& one : poses) {
+    msg.name.push_back(layout.tags[static_cast<std::size_t>(one.body)].name);
+    msg.pose.push_back(toPoseMsg(one.X_CM));
+  }
+  return msg;
 }
 
 TagDetections toMsg(const std_msgs::Header& header, const vision::Observation& observation,
@@ -100,7 +103,6 @@ TagDetections toMsg(const std_msgs::Header& header, const vision::Observation& o
     tag.hamming = static_cast<std::uint8_t>(detection.hamming);
     tag.margin = detection.margin;
     tag.known = layout.find(detection.id) >= 0;
-    if (!observation.poses.empty()) addBody(observation.poses[msg.tags.size()], layout, tag);
     tag.repeated = has(observation.repeated_ids, detection.id);
     const auto* residual = residualOf(observation, layout, detection.id);
     tag.fitted = residual != nullptr && !tag.repeated;
@@ -310,6 +312,9 @@ ObservationReport reportOf(const Measurement& measurement, const std::string& ba
                     : describe(observation, out.tags, measurement.config);
   out.detections =
       toMsg(toHeaderMsg(measurement.stamp, camera_frame), observation, measurement.view.layout);
+  if (!observation.poses.empty()) {
+    out.bodies = toMsg(out.detections.header, observation.poses, measurement.view.layout);
+  }
   if (!measurement.measured()) {
     out.lines = {out.account};
     return out;

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "helix_arm/ArmShape.h"
+#include "helix_arm/BodyPoses.h"
 #include "helix_arm/ModelError.h"
 #include "helix_arm/TagDetections.h"
 #include "helix_arm/VisionStatus.h"
@@ -102,6 +103,7 @@ struct ObservationReport {
   /// to check; and the ids of tags that no fit can use.
   std::string account;
   TagDetections detections;         ///< camera frame; in the order of Observation::detections
+  std::optional<BodyPoses> bodies;  ///< absent with a camera
   std::optional<ArmShape> shape;    ///< base frame; only if measured
   std::optional<ModelError> error;  ///< measured shape less the model's; only if both are known
   std::string tip;                  ///< short text about the tip; empty unless measured

@@ -39,7 +39,7 @@ PictureMeasurer::PictureMeasurer(SceneLocalizer first, double stale_after,
 
 CheckedPicture<Measurement> PictureMeasurer::measure(const Picture& picture) {
   adoptNext();
-  if (const auto* bodies = std::get_if<BodyPoses>(&picture.content)) {
+  if (const auto* bodies = std::get_if<BodySet>(&picture.content)) {
     return measureBodies(picture.stamp, *bodies);
   }
   CheckedPicture<cv::Mat> taken = take(picture);
@@ -58,7 +58,7 @@ CheckedPicture<Measurement> PictureMeasurer::measure(const Picture& picture) {
       std::move(model), calibration_, {}};
 }
 
-Measurement PictureMeasurer::measureBodies(const ros::Time& stamp, const BodyPoses& bodies) {
+Measurement PictureMeasurer::measureBodies(const ros::Time& stamp, const BodySet& bodies) {
   follow(stamp);
   auto model = match(stamp, std::chrono::milliseconds(0));
   const vision::Observation& observation = current_.localizer->locate(bodies.poses, start_);

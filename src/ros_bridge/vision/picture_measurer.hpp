@@ -68,7 +68,7 @@ class PictureMeasurer {
   std::optional<PictureRefusal> adoptCamera(const cv::Size& size);
 
   /// Poses come too often to wait for models.
-  Measurement measureBodies(const ros::Time& stamp, const BodyPoses& bodies)
+  Measurement measureBodies(const ros::Time& stamp, const BodySet& bodies)
       HELIX_ARM_EXCLUDES(mutex_);
 
   /// The model nearest to the stamp, if there is one within ModelHistory::kReach. Waits for at most

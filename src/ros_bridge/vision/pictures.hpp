@@ -73,7 +73,7 @@ bool equal(const estimation::Camera& a, const estimation::Camera& b);
 std::string sizeText(std::int64_t width, std::int64_t height);
 
 /// Poses of bodies at one time.
-struct BodyPoses {
+struct BodySet {
   std::vector<estimation::BodyPose> poses;
   std::string frame;  ///< in which they are seen
 };
@@ -82,7 +82,7 @@ struct BodyPoses {
 struct Picture {
   ros::Time stamp;
   /// A cv::Mat is gray (CV_8UC1) and owns its memory.
-  std::variant<sensor_msgs::ImageConstPtr, sensor_msgs::CompressedImageConstPtr, cv::Mat, BodyPoses>
+  std::variant<sensor_msgs::ImageConstPtr, sensor_msgs::CompressedImageConstPtr, cv::Mat, BodySet>
       content;
 };
 

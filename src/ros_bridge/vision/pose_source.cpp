@@ -112,14 +112,14 @@ void PoseSource::onPose(int body, const geometry_msgs::PoseStamped& pose) {
 
 void PoseSource::add(const ros::Time& stamp, const estimation::BodyPose& pose) {
   if (secondsBetween(stamp, last_) >= kRestart) sets_.clear();  // a recording begins anew
-  const auto has = [&pose](const BodyPoses& set) {
+  const auto has = [&pose](const BodySet& set) {
     return std::any_of(set.poses.begin(), set.poses.end(),
                        [&pose](const auto& one) { return one.body == pose.body; });
   };
   auto set = std::find_if(sets_.begin(), sets_.end(), [&](const auto& one) {
     return std::abs(secondsBetween(one.first, stamp)) <= options_.together && !has(one.second);
   });
-  if (set == sets_.end()) set = sets_.emplace(stamp, BodyPoses{{}, frame_}).first;
+  if (set == sets_.end()) set = sets_.emplace(stamp, BodySet{{}, frame_}).first;
   set->second.poses.push_back(pose);
   // Up to the last complete set, and those that have waited long enough.
   const auto isComplete = [this](const auto& one) {

@@ -59,7 +59,7 @@ class PoseSource {
   const Refuse refuse_;
   std::string frame_;                     ///< of the poses
   std::map<std::string, int> of_frame_;   ///< bodies by their frames in tf
-  std::map<ros::Time, BodyPoses> sets_;   ///< not handed over yet, by their first stamps
+  std::map<ros::Time, BodySet> sets_;   ///< not handed over yet, by their first stamps
   ros::Time last_;                        ///< of the sets that were
   std::vector<ros::Subscriber> subscribers_;
 };

@@ -59,6 +59,9 @@ VisionNode::VisionNode(const ros::NodeHandle& node, const ros::NodeHandle& priva
               1.0 / options_.draw_rate, options_.fromBodies()),
       source_(node_, options_, scene_, status_),
       measurer_(SceneLocalizer(scene_), options_.stale_after, source_, status_) {
+  if (options_.fromBodies()) {
+    bodies_publisher_ = node_.advertise<BodyPoses>(names::kBodyPoses, 10);
+  }
   if (options_.publish_image) {
     image_publisher_ = node_.advertise<sensor_msgs::Image>(names::kImage, 2);
     info_publisher_ = node_.advertise<sensor_msgs::CameraInfo>(names::kCameraInfo, 2);
@@ -174,6 +177,7 @@ void VisionNode::publish(const Measurement& measurement) {
     curve_frames_.send(fit.shape, measurement.stamp, fit.X_B0B);
   }
   detections_publisher_.publish(report.detections);
+  if (report.bodies) bodies_publisher_.publish(*report.bodies);
   const std_msgs::Header header = toHeaderMsg(measurement.stamp, camera_frame);
   if (info_publisher_ && info_publisher_.getNumSubscribers() > 0) {
     info_publisher_.publish(toCameraInfoMsg(header, measurement.view.camera));
