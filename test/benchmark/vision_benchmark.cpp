@@ -14,6 +14,8 @@
 #include <opencv2/imgproc.hpp>
 
 #include "helix_arm/localization/twist_fit.hpp"
+#include "helix_arm/procedures/loop_config.hpp"
+#include "helix_arm/simulation/bodies.hpp"
 #include "helix_arm/vision/arm_localizer.hpp"
 #include "helix_arm/vision/jpeg.hpp"
 #include "support/picture_series.hpp"

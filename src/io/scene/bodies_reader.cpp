@@ -47,9 +47,10 @@ void readPlace(const MapReader& body, const ArmParts& parts, estimation::TagPlac
 
 std::optional<estimation::TagLayout> readBodies(const MapReader& scene, const ArmParts* arm) {
   if (!scene.has("bodies")) return std::nullopt;
-  if (scene.has("tags")) {
-    scene.complain("bodies", "stands beside tags; expected one of the two: a camera sees tags, a "
-                             "motion-capture system bodies");
+  for (const char* other : {"tags", "camera"}) {
+    if (!scene.has(other)) continue;
+    scene.complain("bodies", "stands beside ", other,
+                   "; expected camera and tags, or bodies of a motion-capture system");
   }
   estimation::TagLayout out;
   out.size = kDrawnSize;
