@@ -49,9 +49,10 @@ struct SettleRules {
   /// Maximum distance of a tag from its position in the last picture during the window (RMS over
   /// its corners), > 0 [px].
   double corner_tolerance = 1.0;
-  double body_tolerance = 2e-3;  ///< likewise of a body, RMS over its points, > 0 [m]
   double window = 1.0;   ///< how long, > 0 [s]
   double max_age = 1.0;  ///< pressures or pictures older than this are stale, > 0 [s]
+  /// As corner_tolerance, of a body: RMS over its points, > 0 [m].
+  double body_tolerance = 2e-3;
 
   /// @throws std::invalid_argument naming the value and its rule.
   void validate() const;
