@@ -84,12 +84,11 @@ VisionNode::VisionNode(const ros::NodeHandle& node, const ros::NodeHandle& priva
     throw;
   }
   const int count = static_cast<int>(scene_.tags->tags.size());
-  if (options_.fromBodies()) {
-    return logInfo("%s: measures by %d bodies, poses from %s", scene_.name.c_str(), count,
-                   options_.poses.topics.c_str());
-  }
-  logInfo("%s: looks for %d tags of family %s, pictures from %s", scene_.name.c_str(), count,
-          scene_.vision.detector.family.c_str(), options_.source.c_str());
+  const std::string seen = options_.fromBodies()
+                               ? " bodies, poses from " + options_.poses.topics
+                               : " tags of family " + scene_.vision.detector.family +
+                                     ", pictures from " + options_.source;
+  logInfo("%s: looks for %d%s", scene_.name.c_str(), count, seen.c_str());
 }
 
 int VisionNode::finish() {
