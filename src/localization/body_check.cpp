@@ -13,16 +13,16 @@
 namespace helix_arm::estimation {
 namespace {
 
-using Poses = std::vector<BodyPose>;
+using BodyPoses = std::vector<BodyPose>;
 
 // Distances of a body from where it is expected that need no explanation: shortly after a measured
 // shape, and from the model alone, as a share of the arm's length [m, rad].
-constexpr double kNearTurn = 0.15, kNearPlace = 0.01;
+constexpr double kTurnAfter = 0.15, kPlaceAfter = 0.01;
 constexpr double kFarTurn = 0.6, kFarShare = 0.1;
 // Share of the squared distances that a mistake must leave at most.
-constexpr double kExplained = 0.1;
+constexpr double kLeftOver = 0.1;
 // A body that took another's place is within this of it [m].
-constexpr double kSamePlace = 0.003;
+constexpr double kTakenPlace = 0.003;
 // Motion of the model at a body whose pose does not change, beyond which the body hangs; and where
 // other bodies have moved by the second of them [m].
 constexpr double kModelMotion = 0.01, kSeenMotion = 0.003;
@@ -30,7 +30,7 @@ constexpr double kModelMotion = 0.01, kSeenMotion = 0.003;
 double angleOf(const Eigen::Matrix3d& R) { return Eigen::AngleAxisd(R).angle(); }
 
 // Distances from the expected poses, relative to those that need no explanation.
-struct Distance {
+struct BodyDistance {
   double largest = 0, squares = 0;
 };
 
@@ -40,16 +40,16 @@ class Expectation {
       : view_(view), poses_(tagPoses(view.layout, shape)) {
     for (lie::SE3& pose : poses_) pose = view.X_CB * pose;
     const double length = shape.pieces().topRows<3>().colwise().norm().sum();
-    place_ = near ? kNearPlace : kFarShare * length;
-    turn_ = near ? kNearTurn : kFarTurn;
+    place_ = near ? kPlaceAfter : kFarShare * length;
+    turn_ = near ? kTurnAfter : kFarTurn;
   }
 
   const lie::SE3& of(int body) const { return poses_[static_cast<std::size_t>(body)]; }
   double distance(const BodyPose& one) const {
     return (one.X_CM.translation - of(one.body).translation).norm();
   }
-  Distance of(const Poses& seen) const {
-    Distance out;
+  BodyDistance of(const BodyPoses& seen) const {
+    BodyDistance out;
     const auto add = [&out](double relative) {
       out.largest = std::max(out.largest, relative);
       out.squares += relative * relative;
@@ -71,13 +71,13 @@ class Expectation {
   double place_, turn_;
 };
 
-// Poses as they would be without a mistake, and its name with the remedy.
-struct Mistake {
-  Poses corrected;
+// BodyPoses as they would be without a mistake, and its name with the remedy.
+struct PoseMistake {
+  BodyPoses corrected;
   std::string name;
 };
 
-Poses changed(Poses seen, const std::function<lie::SE3(const lie::SE3&)>& change) {
+BodyPoses mapped(BodyPoses seen, const std::function<lie::SE3(const lie::SE3&)>& change) {
   for (BodyPose& one : seen) one.X_CM = change(one.X_CM);
   return seen;
 }
@@ -88,10 +88,10 @@ lie::SE3 readWithWFirst(const lie::SE3& X) {
   return {Eigen::Quaterniond(q.x(), q.y(), q.z(), q.w()).toRotationMatrix(), X.translation};
 }
 
-void addSwaps(const TagLayout& layout, const Poses& seen, std::vector<Mistake>& out) {
+void addSwaps(const TagLayout& layout, const BodyPoses& seen, std::vector<PoseMistake>& out) {
   for (std::size_t i = 0; i < seen.size(); ++i) {
     for (std::size_t j = 0; j < i; ++j) {
-      Poses swapped = seen;
+      BodyPoses swapped = seen;
       std::swap(swapped[i].X_CM, swapped[j].X_CM);
       const auto label = [&](std::size_t k) {
         return layout.tags[static_cast<std::size_t>(seen[k].body)].label();
@@ -104,7 +104,7 @@ void addSwaps(const TagLayout& layout, const Poses& seen, std::vector<Mistake>& 
 }
 
 // The 23 rotations that permute the axes.
-void addTurns(const Poses& seen, std::vector<Mistake>& out) {
+void addAxisTurns(const BodyPoses& seen, std::vector<PoseMistake>& out) {
   for (int x = 0; x < 6; ++x) {
     for (int y = 0; y < 6; ++y) {
       if (x % 3 == y % 3) continue;
@@ -121,30 +121,30 @@ void addTurns(const Poses& seen, std::vector<Mistake>& out) {
           "calibrate anew with --fit base",
           turn.angle() * 180 / basics::kPi, axis.x(), axis.y(), axis.z());
       const lie::SE3 X{R.transpose(), Eigen::Vector3d::Zero()}, back{R, Eigen::Vector3d::Zero()};
-      out.push_back({changed(seen, [&X](const lie::SE3& one) { return X * one; }), name});
-      out.push_back({changed(seen, [&](const lie::SE3& one) { return X * one * back; }), name});
+      out.push_back({mapped(seen, [&X](const lie::SE3& one) { return X * one; }), name});
+      out.push_back({mapped(seen, [&](const lie::SE3& one) { return X * one * back; }), name});
     }
   }
 }
 
 // The mistake of all poses that explains them; empty if none does.
-std::string mistakeOf(const Poses& seen, const ArmView& view, const Expectation& expected) {
-  const Distance as_is = expected.of(seen);
+std::string mistakeOf(const BodyPoses& seen, const ArmView& view, const Expectation& expected) {
+  const BodyDistance as_is = expected.of(seen);
   if (as_is.largest <= 1) return {};
-  std::vector<Mistake> mistakes;
-  mistakes.push_back({changed(seen,
-                              [](const lie::SE3& X) {
-                                return lie::SE3{X.rotation, 1e-3 * X.translation};
-                              }),
+  std::vector<PoseMistake> mistakes;
+  mistakes.push_back({mapped(seen,
+                             [](const lie::SE3& X) {
+                               return lie::SE3{X.rotation, 1e-3 * X.translation};
+                             }),
                       "the positions are in millimetres: expected metres; let the driver convert"});
-  mistakes.push_back({changed(seen, readWithWFirst),
+  mistakes.push_back({mapped(seen, readWithWFirst),
                       "the quaternions are w, x, y, z: expected x, y, z, w; correct the driver"});
   addSwaps(view.layout, seen, mistakes);
-  addTurns(seen, mistakes);
-  const Mistake* best = nullptr;
-  double least = kExplained * as_is.squares;
-  for (const Mistake& one : mistakes) {
-    const Distance left = expected.of(one.corrected);
+  addAxisTurns(seen, mistakes);
+  const PoseMistake* best = nullptr;
+  double least = kLeftOver * as_is.squares;
+  for (const PoseMistake& one : mistakes) {
+    const BodyDistance left = expected.of(one.corrected);
     if (left.largest > 1 || left.squares >= least) continue;
     least = left.squares;
     best = &one;
@@ -153,13 +153,14 @@ std::string mistakeOf(const Poses& seen, const ArmView& view, const Expectation&
 }
 
 // Another body at whose place this one is, although the two are expected elsewhere; null if none.
-const BodyPose* takenPlace(const BodyPose& one, const Poses& seen, const Expectation& expected) {
+const BodyPose* takenPlace(const BodyPose& one, const BodyPoses& seen,
+                           const Expectation& expected) {
   const auto apart = [](const lie::SE3& a, const lie::SE3& b) {
     return (a.translation - b.translation).norm();
   };
   for (const BodyPose& other : seen) {
-    if (other.body == one.body || apart(other.X_CM, one.X_CM) > kSamePlace) continue;
-    if (apart(expected.of(other.body), expected.of(one.body)) < 3 * kSamePlace) continue;
+    if (other.body == one.body || apart(other.X_CM, one.X_CM) > kTakenPlace) continue;
+    if (apart(expected.of(other.body), expected.of(one.body)) < 3 * kTakenPlace) continue;
     if (expected.distance(one) > expected.distance(other)) return &other;
   }
   return nullptr;
@@ -167,7 +168,8 @@ const BodyPose* takenPlace(const BodyPose& one, const Poses& seen, const Expecta
 
 }  // namespace
 
-bool BodyCheck::hangs(const BodyPose& one, const Poses& seen, const Eigen::Vector3d& model_place) {
+bool BodyCheck::hangs(const BodyPose& one, const BodyPoses& seen,
+                      const Eigen::Vector3d& model_place) {
   Track& track = tracks_[static_cast<std::size_t>(one.body)];
   const bool same = track.known && track.pose.translation == one.X_CM.translation &&
                     track.pose.rotation == one.X_CM.rotation;
@@ -184,7 +186,7 @@ bool BodyCheck::hangs(const BodyPose& one, const Poses& seen, const Eigen::Vecto
   return (model_place - track.model).norm() > (others_moved ? kSeenMotion : kModelMotion);
 }
 
-BodyCheck::Verdict BodyCheck::check(const Poses& seen, const model::Shape& expected,
+BodyCheck::Verdict BodyCheck::check(const BodyPoses& seen, const model::Shape& expected,
                                     const model::Shape& model, bool near) {
   Verdict out;
   const Expectation places(view_, expected, near);

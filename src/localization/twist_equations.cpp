@@ -72,8 +72,7 @@ ResidualNoise noiseOf(const TwistFit& fit, const FitPoint& at, double data_param
   const double freedom = std::max(0.0, count - data_parameters);
   const double spread = all * slopes2 / (slopes * slopes) - 1;
   const double correction = 1 + data_parameters / all * spread;
-  const double square =
-      correction * correction * weighted * count * weights / (slopes * slopes);
+  const double square = correction * correction * weighted * count * weights / (slopes * slopes);
   const double expected = std::max(0.0, kLeastFreedom - freedom);
   return {std::max(kLeastVariance, (expected + square) / (expected + freedom)), expected + freedom};
 }
@@ -206,7 +205,8 @@ double TwistEquations::addPriors(const FitPoint& point, bool fits_border_shift,
   return cost;
 }
 
-void reportStatistics(const TwistEquations& equations, const FitPoint& at, const Eigen::Ref<const Eigen::MatrixXd>& hessian,
+void reportStatistics(const TwistEquations& equations, const FitPoint& at,
+                      const Eigen::Ref<const Eigen::MatrixXd>& hessian,
                       const Eigen::Ref<const Eigen::MatrixXd>& priors, TwistFit& result) {
   const int fitting = markOutliers(at, equations.threshold(), result);
   const Parameters inverse = inverseOf(hessian);

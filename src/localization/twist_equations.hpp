@@ -449,7 +449,8 @@ class TwistEquations {
 /// @param at       end of the search.
 /// @param hessian  (parameters x parameters, lower triangle) of the normal equations there.
 /// @param priors   (parameters x parameters) the priors' part of it.
-void reportStatistics(const TwistEquations& equations, const FitPoint& at, const Eigen::Ref<const Eigen::MatrixXd>& hessian,
+void reportStatistics(const TwistEquations& equations, const FitPoint& at,
+                      const Eigen::Ref<const Eigen::MatrixXd>& hessian,
                       const Eigen::Ref<const Eigen::MatrixXd>& priors, TwistFit& result);
 
 /// Covariance of the tip's position seen from B0, due to that of the twists followed by the base.

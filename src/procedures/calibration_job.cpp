@@ -758,8 +758,7 @@ class CalibrationJob {
     }
     if (!fit.order_fault.empty()) warn({"positions: " + fit.order_fault});
     if (options.arm.base) {
-      const bool of_tags =
-          scene_->tags && !scene_->hasBodies() && !scene_->motion_capture.X_BF;
+      const bool of_tags = scene_->tags && !scene_->hasBodies() && !scene_->motion_capture.X_BF;
       (of_tags ? changes_.X_BF : changes_.motion_capture.X_BF) = fit.X_BF;
     }
     changes_.motion_capture.R_TM = fit.R_TM;

@@ -108,7 +108,7 @@ FollowFigures pathFigures(const std::vector<FollowRow>& rows, const control::Tip
 
 constexpr double kPictureRate = 30;  // [Hz]
 constexpr double kRounding = 1e-9;   // of times [s]
-constexpr int kMostReadings = 100;           // until the arm may be enabled
+constexpr int kMostReadings = 100;   // until the arm may be enabled
 
 // A rig, its safety core and a visual servo in one thread and in a fixed order, with a simulated
 // time: the same seeds give the same figures on any machine under any load.

@@ -191,7 +191,8 @@ std::string SettleWatch::pressureStaleness(double now) const {
 
 std::string SettleWatch::pictureStaleness(double now) const {
   return staleness(observations_.empty() ? std::nullopt : std::optional(observations_.back().time),
-                   now, rules_.max_age, "tag detections", "are camera (or motion capture) and vision running?");
+                   now, rules_.max_age, "tag detections",
+                   "are camera (or motion capture) and vision running?");
 }
 
 std::string SettleWatch::pressureFault(Eigen::VectorXd& mean) const {

@@ -81,8 +81,8 @@ CalibrationData measuredOf(const Scene& self, const std::vector<Sample>& samples
   const ros_bridge::SampleTable seen(samples, scene);
   CalibrationData out;
   out.captures = seen.captures(scene, "recorded samples").captures;
-  out.sources.push_back({"recorded samples", io::sha256Of(seen.csv(scene.arm.actuatorCount(), "")),
-                         seen.size()});
+  out.sources.push_back(
+      {"recorded samples", io::sha256Of(seen.csv(scene.arm.actuatorCount(), "")), seen.size()});
   if (record == nullptr) return out;
   out.tips = record->series();
   if (out.tips.empty()) return out;

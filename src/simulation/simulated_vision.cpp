@@ -151,7 +151,7 @@ struct SimulatedVision::Workspace {
   vision::FrozenWatch frozen_watch;
   std::optional<SimulatedBodies> bodies;
   std::vector<estimation::BodyPose> poses;  // the last ones
-  cv::Mat gray;  // the last picture
+  cv::Mat gray;                             // the last picture
 };
 
 SimulatedVision::SimulatedVision(const CameraSetup& camera, const estimation::ArmView& nominal,

@@ -268,8 +268,7 @@ const estimation::ArmView& ArmLocalizer::view() const { return work_->view; }
 void LocalizerConfig::validate() const {
   detector.validate();
   fit.validate();
-  basics::require(min_tags >= 1, "the least number of tags is ", min_tags,
-                  "; expected at least 1");
+  basics::require(min_tags >= 1, "the least number of tags is ", min_tags, "; expected at least 1");
 }
 
 const char* nameOf(ObservationState state) {

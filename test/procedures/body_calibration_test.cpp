@@ -76,7 +76,8 @@ TEST_F(BodyCalibration, FindsBodiesThatAreOtherwiseThanTheSceneSays) {
   const auto setup = test::shippedScene("mocap", rig).cameraSetup();
   const auto& truth = setup->view.layout.tags;
   for (std::size_t i = 0; i < truth.size(); ++i) {
-    const estimation::TagPlacement &found = calibrated.tags->tags[i], &before = scene_.tags->tags[i];
+    const estimation::TagPlacement &found = calibrated.tags->tags[i],
+                                   &before = scene_.tags->tags[i];
     EXPECT_EQ(found.name, before.name);
     const double length = scene_.arm.restLength();
     const auto off = [&](const estimation::TagPlacement& one) {
@@ -109,7 +110,8 @@ TEST(BodySamples, AreMediansAndReadAgain) {
   TagObservation wild = one;
   *wild.points *= 1.5;
   const Eigen::VectorXd pressure = Eigen::Vector3d(1e5, 2e5, 3e5);
-  const Sample median = medianOf({{1, pressure, {one}}, {2, pressure, {wild}}, {3, pressure, {one}}});
+  const Sample median =
+      medianOf({{1, pressure, {one}}, {2, pressure, {wild}}, {3, pressure, {one}}});
   ASSERT_EQ(median.tags.size(), 1U);
   EXPECT_LT((X.inverse() * median.tags[0].X_FM()).log().norm(), 1e-9);
 

@@ -53,8 +53,7 @@ class BodyLocalizer : public ::testing::Test {
     for (int k = 0; k < steps; ++k) ASSERT_EQ(see().state, ObservationState::kMeasured);
   }
   double tipError(const Observation& seen) const {
-    return (model::tipPose(seen.fit.shape).translation -
-            model::tipPose(truth(time())).translation)
+    return (model::tipPose(seen.fit.shape).translation - model::tipPose(truth(time())).translation)
         .norm();
   }
   // The mistake is named, at the start and in motion, and nothing is measured.

@@ -79,7 +79,7 @@ struct Scene {
   std::vector<SectionLook> looks;   ///< (sections)
   std::optional<regulator::Config> regulator;
   std::optional<estimation::TagLayout> tags;  ///< or its motion-capture bodies
-  estimation::TagPrior tag_prior;  ///< uncertainty of their placements
+  estimation::TagPrior tag_prior;             ///< uncertainty of their placements
   /// Frame F of tag poses in data sets, seen from the base; of series of the tip unless
   /// motion_capture has another; of bodies that of motion_capture.
   lie::SE3 X_BF;
@@ -101,9 +101,7 @@ struct Scene {
   /// Whether something measures its shape: a camera sees tags, or a motion-capture system bodies.
   bool isSeen() const { return tags && (camera || hasBodies()); }
   /// The arm's base seen from the camera, or from the frame of the bodies' poses. Only with one.
-  lie::SE3 X_CB() const {
-    return hasBodies() ? X_BF.inverse() : camera->X_WC.inverse() * X_WB;
-  }
+  lie::SE3 X_CB() const { return hasBodies() ? X_BF.inverse() : camera->X_WC.inverse() * X_WB; }
   /// The view of the arm. Only if it is seen.
   estimation::ArmView view() const {
     return {camera ? camera->model : estimation::Camera(), X_CB(), *tags, arm.sectionCount()};

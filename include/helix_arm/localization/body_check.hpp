@@ -10,12 +10,14 @@ namespace helix_arm::estimation {
 
 /// Pose of a motion-capture body as its system tells it.
 struct BodyPose {
-  int body;       ///< index in the layout
-  lie::SE3 X_CM;  ///< seen from the frame C of the poses [m]; without rotation noise only a position
+  int body;  ///< index in the layout
+  lie::SE3
+      X_CM;  ///< seen from the frame C of the poses [m]; without rotation noise only a position
 };
 
 /// Finds the usual mistakes in poses of bodies: names that were swapped, a body that took another's
-/// place, one that hangs, a unit, an order of quaternions and a frame that are others than expected.
+/// place, one that hangs, a unit, an order of quaternions and a frame that are others than
+/// expected.
 ///
 /// A pose far from the expected one is no mistake by itself: a mistake is one that explains most of
 /// the distance.

@@ -8,8 +8,8 @@
 
 namespace helix_arm::simulation {
 
-/// A motion-capture system that sees the bodies of a simulated arm, with the noise that each of them
-/// states. The same seed and calls give the same poses.
+/// A motion-capture system that sees the bodies of a simulated arm, with the noise that each of
+/// them states. The same seed and calls give the same poses.
 class SimulatedBodies {
  public:
   /// @param truth  the true view of the bodies.

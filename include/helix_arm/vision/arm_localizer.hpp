@@ -28,12 +28,13 @@ const char* nameOf(ObservationState state);
 /// The tags of one picture, or the bodies at one time, and the shape fitted to them.
 struct Observation {
   ObservationState state = ObservationState::kNoTags;
-  std::string fault;  ///< known mistake in the poses of bodies, with its remedy; no_fit is its state
+  std::string
+      fault;  ///< known mistake in the poses of bodies, with its remedy; no_fit is its state
   std::vector<TagDetection> detections;  ///< all detections, sorted by id
   /// Of each detection of a body, whose id is its index; seen from C. Empty with a camera.
   std::vector<estimation::BodyPose> poses;
-  std::vector<int> unknown_ids;          ///< tags that this arm does not have
-  std::vector<int> repeated_ids;         ///< detected more than once; none of them is used
+  std::vector<int> unknown_ids;   ///< tags that this arm does not have
+  std::vector<int> repeated_ids;  ///< detected more than once; none of them is used
   /// Outside the valid range of the lens distortion, or bodies with a mistake; not used.
   std::vector<int> unusable_ids;
   int by_edges = 0, by_regions = 0;
@@ -43,8 +44,8 @@ struct Observation {
 };
 
 /// Measures the shape in pictures: tracks the tags from the positions that the last shape, or the
-/// model's, predicts, and fits the shape to their corners. With a layout of bodies, measures it from
-/// their poses. Not thread-safe.
+/// model's, predicts, and fits the shape to their corners. With a layout of bodies, measures it
+/// from their poses. Not thread-safe.
 class ArmLocalizer {
  public:
   /// @throws std::invalid_argument naming the value and its rule.
@@ -62,7 +63,8 @@ class ArmLocalizer {
   /// @param seen   poses of bodies in the frame C of the view, each at most once.
   /// @param model  approximate shape of the arm.
   /// @throws std::invalid_argument if the layout has no bodies.
-  const Observation& locate(const std::vector<estimation::BodyPose>& seen, const model::Shape& model);
+  const Observation& locate(const std::vector<estimation::BodyPose>& seen,
+                            const model::Shape& model);
 
   /// Forgets the last picture. What was learnt of base and border shift stays.
   void reset();

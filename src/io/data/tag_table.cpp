@@ -113,9 +113,8 @@ std::string tableText(const std::vector<Capture>& captures, int actuators,
   for (const std::string& column : columns) text << "," << column;
   text << "\n";
   for (const Capture& capture : captures) {
-    basics::require(capture.pressure.size() == actuators, "table of tags: capture ",
-                    capture.number, " has ", capture.pressure.size(), " pressures; expected ",
-                    actuators);
+    basics::require(capture.pressure.size() == actuators, "table of tags: capture ", capture.number,
+                    " has ", capture.pressure.size(), " pressures; expected ", actuators);
     for (const auto& tag : capture.tags) {
       text << capture.number;
       if (has_times) text << "," << formatNumber(*capture.time);
@@ -148,12 +147,12 @@ Eigen::Matrix3d rotationOf(const Eigen::Quaterniond& q, int line, FaultList& fau
 
 std::vector<TagPoseCapture> loadTagPoses(const DataSet& data, int actuators, const lie::SE3& X_BF) {
   requireTagColumns(data, kPoseColumns);
-  return timed(readTagTable<TagPoseCapture>(data, actuators,
-                                            [&X_BF](int id, const TagRow& row) {
-                                              return TagPose{id, X_BF * readPoseCells(row),
-                                                             row.line()};
-                                            }),
-               data);
+  return timed(
+      readTagTable<TagPoseCapture>(data, actuators,
+                                   [&X_BF](int id, const TagRow& row) {
+                                     return TagPose{id, X_BF * readPoseCells(row), row.line()};
+                                   }),
+      data);
 }
 
 std::vector<TagCornerCapture> loadTagCorners(const DataSet& data, int actuators) {

@@ -8,7 +8,7 @@
 namespace helix_arm::io {
 namespace {
 
-constexpr char kBase[] = "base";          // the plate that the arm hangs from
+constexpr char kBasePlate[] = "base";      // the plate that the arm hangs from
 constexpr double kDrawnSize = 0.03;        // side with which a body is drawn [m]
 constexpr double kUsualPosition = 0.0002;  // noise [m]
 constexpr double kUsualRotation = 0.2;     // noise [degrees]
@@ -29,7 +29,7 @@ void readPlace(const MapReader& body, const ArmParts& parts, estimation::TagPlac
     out.section = body.read("section", sectionsOf(parts)).value_or(0);
   } else if (*kind == 1) {
     OneOf<int> plates = sectionsOf(parts);
-    plates.words.emplace_back(kBase, -1);
+    plates.words.emplace_back(kBasePlate, -1);
     const int plate = body.read("plate", plates).value_or(0);
     out.section = std::max(plate, 0);
     out.s = plate < 0 ? 0.0 : 1.0;
@@ -59,17 +59,21 @@ std::optional<estimation::TagLayout> readBodies(const MapReader& scene, const Ar
     estimation::PoseNoise noise{kUsualPosition, kUsualRotation * kDegree};
     lie::SE3 X;
     std::vector<Key> keys = poseKeys(X, kCoordinate);
-    keys.insert(keys.end(), {Key("name", kWord, body.name).required(),
-                             {"noise",
-                              {{"position_m", within(kPositive, 1e-6, 0.1, " m"), noise.position},
-                               {"rotation_deg", within(kNotNegative, 0, 90, " degrees"),
-                                noise.rotation, kDegree}}},
-                             "section", "plate", "tool", "s"});
+    keys.insert(
+        keys.end(),
+        {Key("name", kWord, body.name).required(),
+         {"noise",
+          {{"position_m", within(kPositive, 1e-6, 0.1, " m"), noise.position},
+           {"rotation_deg", within(kNotNegative, 0, 90, " degrees"), noise.rotation, kDegree}}},
+         "section",
+         "plate",
+         "tool",
+         "s"});
     const MapReader map(value, path, keys, scene.faults());
-    const auto same = std::find_if(out.tags.begin(), out.tags.end(), [&body](const auto& other) {
-      return other.name == body.name;
-    });
-    if (same != out.tags.end()) map.complain("name", "is ", body.name, " again; expected distinct names");
+    const auto same = std::find_if(out.tags.begin(), out.tags.end(),
+                                   [&body](const auto& other) { return other.name == body.name; });
+    if (same != out.tags.end())
+      map.complain("name", "is ", body.name, " again; expected distinct names");
     if (arm != nullptr) readPlace(map, *arm, body);
     body.X_ST = body.X_ST * X;
     body.noise = noise;

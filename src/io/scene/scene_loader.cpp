@@ -40,7 +40,8 @@ std::optional<simulation::CameraSetup> Scene::cameraSetup() const {
   return simulation::CameraSetup{simulation::deviate(view(), arm, simulation.mounts),
                                  vision::TagFamily(vision.detector.family),
                                  {std::move(radii)},
-                                 simulation.camera, simulation.bodies};
+                                 simulation.camera,
+                                 simulation.bodies};
 }
 
 Scene loadScene(const std::string& path, const std::vector<Override>& overrides) {

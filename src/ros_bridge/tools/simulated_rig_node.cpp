@@ -58,9 +58,9 @@ struct SimulatedRigOptions {
 };
 
 /// Simulates the hardware of a scene: regulator, true arm and, if the scene has camera and tags,
-/// the camera; if it has bodies, their motion-capture system. With ~regulator topic, it simulates arm and camera alone: the arm has the pressures
-/// that a regulator measures, such as that of a board without an arm. docs/nodes.md lists its
-/// topics and parameters (SimulatedRigOptions).
+/// the camera; if it has bodies, their motion-capture system. With ~regulator topic, it simulates
+/// arm and camera alone: the arm has the pressures that a regulator measures, such as that of a
+/// board without an arm. docs/nodes.md lists its topics and parameters (SimulatedRigOptions).
 ///
 /// With every pressure_measured, the truth has its stamp and is under the scene's load and the
 /// force at its tip; a picture has the stamp of the truth that it shows, its camera_info comes just

@@ -165,8 +165,9 @@ std::string describeBodies(const vision::Observation& observation, int bodies,
   } else if (observation.state == vision::ObservationState::kNoTags) {
     out = "no body of the arm is seen: check markers and the system's view";
   } else if (observation.state == vision::ObservationState::kTooFewTags) {
-    out = countText(bodies, true) + " do not determine the shape: check markers and the system's "
-                                    "view, or place more bodies";
+    out = countText(bodies, true) +
+          " do not determine the shape: check markers and the system's "
+          "view, or place more bodies";
   } else if (observation.fault.empty()) {
     out += ": check their places in the scene, motion_capture.frame, and their names";
   }

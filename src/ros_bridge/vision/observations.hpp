@@ -190,10 +190,11 @@ class VisionStatusPublisher {
       return enterLocked(VisionStatus::CAMERA_FAULT, status_.last_fault);
     }
     if (status_.pictures == 0 || source_fault_) return;
-    enterLocked(VisionStatus::STALE,
-                std::string("no ") + input_ + " was received for " + fixed(silence) + " s: " +
-                    (of_bodies_ ? "does the motion-capture system stream, and is its driver running?"
-                                : "is the camera plugged in, and its node running?"));
+    enterLocked(
+        VisionStatus::STALE,
+        std::string("no ") + input_ + " was received for " + fixed(silence) + " s: " +
+            (of_bodies_ ? "does the motion-capture system stream, and is its driver running?"
+                        : "is the camera plugged in, and its node running?"));
   }
   /// From now on no other state is entered. @param fault  enters camera_fault before; empty: none.
   void close(const std::string& fault = {}) HELIX_ARM_EXCLUDES(mutex_) {

@@ -53,17 +53,24 @@ CheckedPicture<Measurement> PictureMeasurer::measure(const Picture& picture) {
                           "has moved: it hangs; restart its node, or plug it in anew"};
   }
   const vision::Observation& observation = current_.localizer->locate(gray, start_);
-  return Measurement{
-      picture.stamp,    gray,        observation, current_.localizer->view(), current_.scene.vision,
-      std::move(model), calibration_, {}};
+  return Measurement{picture.stamp,         gray,
+                     observation,           current_.localizer->view(),
+                     current_.scene.vision, std::move(model),
+                     calibration_,          {}};
 }
 
 Measurement PictureMeasurer::measureBodies(const ros::Time& stamp, const BodySet& bodies) {
   follow(stamp);
   auto model = match(stamp, std::chrono::milliseconds(0));
   const vision::Observation& observation = current_.localizer->locate(bodies.poses, start_);
-  return Measurement{stamp, {}, observation, current_.localizer->view(), current_.scene.vision,
-                     std::move(model), {}, bodies.frame};
+  return Measurement{stamp,
+                     {},
+                     observation,
+                     current_.localizer->view(),
+                     current_.scene.vision,
+                     std::move(model),
+                     {},
+                     bodies.frame};
 }
 
 void PictureMeasurer::adopt(SceneLocalizer next) {

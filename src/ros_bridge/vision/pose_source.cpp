@@ -15,8 +15,8 @@ namespace helix_arm::ros_bridge {
 namespace {
 
 constexpr char kPlaceholder[] = "NAME";
-constexpr double kNormTolerance = 1e-2;  // of quaternions; float32 and few digits
-constexpr double kRestart = 1.0;         // a step back in time that is no late pose [s]
+constexpr double kNormError = 1e-2;  // of quaternions; float32 and few digits
+constexpr double kRestart = 1.0;     // a step back in time that is no late pose [s]
 
 std::string named(std::string text, const std::string& name) {
   for (std::size_t at = 0; (at = text.find(kPlaceholder, at)) != std::string::npos;
@@ -30,10 +30,7 @@ std::string named(std::string text, const std::string& name) {
 
 PoseSource::PoseSource(ros::NodeHandle& node, const PoseOptions& options,
                        const estimation::TagLayout& layout, Take take, Refuse refuse)
-    : options_(options),
-      layout_(layout),
-      take_(std::move(take)),
-      refuse_(std::move(refuse)) {
+    : options_(options), layout_(layout), take_(std::move(take)), refuse_(std::move(refuse)) {
   constexpr int kQueue = 500;
   for (int body = 0; body < static_cast<int>(layout_.tags.size()); ++body) {
     const std::string topic =
@@ -43,7 +40,8 @@ PoseSource::PoseSource(ros::NodeHandle& node, const PoseOptions& options,
       continue;
     }
     subscribers_.push_back(listen<geometry_msgs::PoseStamped>(
-        node, topic, kQueue, [this, body](const auto& event) { onPose(body, *event.getMessage()); }));
+        node, topic, kQueue,
+        [this, body](const auto& event) { onPose(body, *event.getMessage()); }));
   }
   if (options_.tf) {
     subscribers_.push_back(listen(node, names::kTf, kQueue, &PoseSource::onTransforms, this));
@@ -70,7 +68,7 @@ std::string PoseSource::faultOf(const geometry_msgs::PoseStamped& pose, bool wit
     return "its position is not finite; send poses of bodies that are seen only";
   }
   const double norm = std::sqrt(q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w);
-  if (with_rotation && !(std::abs(norm - 1) <= kNormTolerance)) {
+  if (with_rotation && !(std::abs(norm - 1) <= kNormError)) {
     return basics::format(
         "its quaternion has the norm %.3g; expected 1: let the system track the body's rotation, "
         "or say noise.rotation_deg: 0 in the scene",

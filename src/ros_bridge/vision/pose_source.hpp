@@ -20,7 +20,7 @@ namespace helix_arm::ros_bridge {
 struct PoseOptions {
   /// Topic of a body, or its frame in tf; NAME stands for its name.
   std::string topics;
-  bool tf = false;         ///< as transforms, whose parent is the frame of the poses
+  bool tf = false;          ///< as transforms, whose parent is the frame of the poses
   double together = 0.005;  ///< longest time between the stamps of poses that count as one set [s]
 };
 
@@ -28,9 +28,9 @@ struct PoseOptions {
 /// to sets of one time. A set is handed over once it has every body, once a later one has, or after
 /// kPatience by the stamps: messages of several topics arrive in any order.
 ///
-/// A pose is dropped, and the reason told, if it is not finite, has a quaternion that is none, comes
-/// in another frame than the others, late, or stamped far from ROS time. For the thread of the
-/// node's callback queue.
+/// A pose is dropped, and the reason told, if it is not finite, has a quaternion that is none,
+/// comes in another frame than the others, late, or stamped far from ROS time. For the thread of
+/// the node's callback queue.
 class PoseSource {
  public:
   /// Longest time between a stamp and its arrival, before or after [s]: models of that age are not
@@ -43,8 +43,8 @@ class PoseSource {
   using Refuse = std::function<void(const PictureRefusal&)>;
 
   /// @param layout  of bodies. @param take  gets each set. @param refuse  is told of each drop.
-  PoseSource(ros::NodeHandle& node, const PoseOptions& options,
-             const estimation::TagLayout& layout, Take take, Refuse refuse);
+  PoseSource(ros::NodeHandle& node, const PoseOptions& options, const estimation::TagLayout& layout,
+             Take take, Refuse refuse);
 
  private:
   void onPose(int body, const geometry_msgs::PoseStamped& pose);
@@ -57,10 +57,10 @@ class PoseSource {
   const estimation::TagLayout layout_;
   const Take take_;
   const Refuse refuse_;
-  std::string frame_;                     ///< of the poses
-  std::map<std::string, int> of_frame_;   ///< bodies by their frames in tf
-  std::map<ros::Time, BodySet> sets_;   ///< not handed over yet, by their first stamps
-  ros::Time last_;                        ///< of the sets that were
+  std::string frame_;                    ///< of the poses
+  std::map<std::string, int> of_frame_;  ///< bodies by their frames in tf
+  std::map<ros::Time, BodySet> sets_;    ///< not handed over yet, by their first stamps
+  ros::Time last_;                       ///< of the sets that were
   std::vector<ros::Subscriber> subscribers_;
 };
 

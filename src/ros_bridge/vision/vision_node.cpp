@@ -185,7 +185,8 @@ void VisionNode::publish(const Measurement& measurement) {
   const ros::SteadyTime now = ros::SteadyTime::now();
   if (now - last_drawing_ < ros::WallDuration(kDrawingSlack / options_.draw_rate)) return;
   last_drawing_ = now;
-  if (!of_bodies) send(overlay_publisher_, header, [&] { return drawOverlay(measurement, report); });
+  if (!of_bodies)
+    send(overlay_publisher_, header, [&] { return drawOverlay(measurement, report); });
   if (measurement.measured()) status_.drawMarkers(measurement, report.tip);
 }
 
