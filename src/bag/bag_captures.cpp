@@ -293,7 +293,8 @@ std::vector<procedures::Sample> loadBag(const std::string& path, const io::Scene
 
 procedures::CalibrationData loadMeasurements(const io::Scene& scene,
                                              const std::vector<std::string>& paths,
-                                             const procedures::SettleRules& rules) {
+                                             const procedures::SettleRules& rules,
+                                             const procedures::RecordedPressures& pressures) {
   const std::string kRecording = ".bag";
   std::vector<std::string> tables, bags;
   for (const std::string& path : paths) {
@@ -302,7 +303,7 @@ procedures::CalibrationData loadMeasurements(const io::Scene& scene,
         path.compare(path.size() - kRecording.size(), kRecording.size(), kRecording) == 0;
     (is_bag ? bags : tables).push_back(path);
   }
-  procedures::CalibrationData out = procedures::loadCalibrationData(scene, tables);
+  procedures::CalibrationData out = procedures::loadCalibrationData(scene, tables, pressures);
   for (const std::string& path : bags) {
     basics::RegularFile file(path);
     requireOpen(file, path);

@@ -53,6 +53,7 @@ std::vector<procedures::Sample> loadBag(const std::string& path, const io::Scene
 /// @throws io::DocumentError with every fault of a file.
 procedures::CalibrationData loadMeasurements(const io::Scene& scene,
                                              const std::vector<std::string>& paths,
-                                             const procedures::SettleRules& rules);
+                                             const procedures::SettleRules& rules,
+                                             const procedures::RecordedPressures& pressures = {});
 
 }  // namespace helix_arm::ros_bridge

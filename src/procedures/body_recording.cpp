@@ -13,7 +13,7 @@
 namespace helix_arm::procedures {
 namespace {
 
-constexpr double kLeastCorrelation = 0.4;  // of activities that belong together
+constexpr double kLeastCorrelation = 0.4;      // of activities that belong together
 constexpr double kCoarse = 0.1, kFine = 0.01;  // steps of the search [s]
 constexpr int kMostSteps = 4000;               // of the coarse one
 constexpr double kLeastOverlap = 0.5;          // of the shorter recording
@@ -63,34 +63,35 @@ ClockLag bestOf(const Activity& from, const Activity& to, double lowest, double 
   return best;
 }
 
-struct Pressures {
+struct TimedPressures {
   std::vector<double> time;
   Eigen::MatrixXd values;  // (rows x actuators) [Pa]
 };
 
-Pressures pressuresOf(const io::Scene& scene, const std::string& path) {
+TimedPressures timedPressuresOf(const io::Scene& scene, const std::string& path) {
   const io::DataSet data = io::loadDataSet(path);
   io::requireColumns(data, {"time_s"}, "time_s, pressure_1_kpa ..: the pressures of the recording");
   const Eigen::VectorXd time = data.values.col(data.find("time_s"));
-  Pressures out{{time.begin(), time.end()}, io::pressuresOf(data, scene.arm.actuatorCount())};
+  TimedPressures out{{time.begin(), time.end()}, io::pressuresOf(data, scene.arm.actuatorCount())};
   if (!std::is_sorted(out.time.begin(), out.time.end())) {
     throw io::DocumentError(path + " has times that fall; expected one recording");
   }
   return out;
 }
 
-double offsetOf(const io::BodyTable& table, const Pressures& pressures, const std::string& path,
-                std::vector<std::string>& notes) {
+double offsetOf(const io::BodyTable& table, const TimedPressures& pressures,
+                const std::string& path, std::vector<std::string>& notes) {
   const auto bodies = static_cast<Eigen::Index>(table.poses.front().size());
   Eigen::MatrixXd places(static_cast<Eigen::Index>(table.time.size()), 3 * bodies);
   for (Eigen::Index k = 0; k < places.rows(); ++k) {
     for (Eigen::Index i = 0; i < bodies; ++i) {
       const auto& pose = table.poses[static_cast<std::size_t>(k)][static_cast<std::size_t>(i)];
-      places.row(k).segment<3>(3 * i) =
-          pose ? Eigen::RowVector3d(pose->translation.transpose())
-               : Eigen::RowVector3d::Constant(k > 0 ? 0.0 : 0.0);
-      if (!pose && k > 0) {
-        places.row(k).segment<3>(3 * i) = places.row(k - 1).segment<3>(3 * i);
+      auto place = places.row(k).segment<3>(3 * i);
+      if (pose) {
+        place = pose->translation.transpose();
+      } else {  // no motion while it is lost
+        place = k > 0 ? Eigen::RowVector3d(places.row(k - 1).segment<3>(3 * i))
+                      : Eigen::RowVector3d(Eigen::RowVector3d::Zero());
       }
     }
   }
@@ -110,12 +111,14 @@ double offsetOf(const io::BodyTable& table, const Pressures& pressures, const st
 
 // The times at which the arm is at rest.
 std::vector<Sample> samplesOf(const io::Scene& scene, const io::BodyTable& table,
-                              const Pressures& pressures, double offset, const std::string& path) {
+                              const TimedPressures& pressures, double offset,
+                              const std::string& path) {
   std::vector<std::string> actuators;
   for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
     actuators.push_back(scene.arm.actuator(i).name);
   }
-  SettleWatch watch(actuators, SettleRules());
+  const SettleRules rules;
+  SettleWatch watch(actuators, rules);
   watch.waitForRest(scene.arm);
   std::vector<Sample> out, standing;
   std::string reason = "no pressure was read";
@@ -134,13 +137,20 @@ std::vector<Sample> samplesOf(const io::Scene& scene, const io::BodyTable& table
     }
     watch.seen(time, std::move(bodies));
     const Settling settling = watch.at(time);
-    if (settling.settled()) {
-      standing.push_back(*settling.last);
+    if (!settling.settled()) {
+      reason = settling.reason;
       continue;
     }
-    reason = settling.reason;
-    if (!standing.empty()) out.push_back(medianOf(standing));
-    standing.clear();
+    // Noise may end a rest for a moment; one at the same pressures goes on.
+    const Eigen::VectorXd& pressure = settling.last->pressure;
+    const bool same =
+        standing.empty() ||
+        (standing.front().pressure - pressure).cwiseAbs().maxCoeff() < 2 * rules.pressure_tolerance;
+    if (!same) {
+      out.push_back(medianOf(standing));
+      standing.clear();
+    }
+    standing.push_back(*settling.last);
   }
   if (!standing.empty()) out.push_back(medianOf(standing));
   if (out.empty()) {
@@ -193,8 +203,8 @@ ClockLag lagBetween(const std::vector<double>& from, const Eigen::MatrixXd& of_f
     // Both grids begin at the later of the two first times.
     const double begin = std::max(shifted.front(), to.front());
     const auto after = [begin](const std::vector<double>& times) {
-      return static_cast<std::size_t>(
-          std::lower_bound(times.begin(), times.end(), begin) - times.begin());
+      return static_cast<std::size_t>(std::lower_bound(times.begin(), times.end(), begin) -
+                                      times.begin());
     };
     const std::size_t a = after(shifted), b = after(to);
     const std::vector<double> left(shifted.begin() + std::ptrdiff_t(a), shifted.end()),
@@ -214,9 +224,9 @@ io::DataSet measurementsOf(const io::Scene& scene, const std::string& path,
   std::vector<std::string> names;
   for (const estimation::TagPlacement& body : scene.tags->tags) names.push_back(body.name);
   const io::BodyTable table = io::loadBodyTable(path, names);
-  const Pressures read = pressuresOf(scene, pressures.path.empty() ? path : pressures.path);
-  const double offset =
-      pressures.offset ? *pressures.offset : offsetOf(table, read, path, notes);
+  const TimedPressures read =
+      timedPressuresOf(scene, pressures.path.empty() ? path : pressures.path);
+  const double offset = pressures.offset ? *pressures.offset : offsetOf(table, read, path, notes);
   io::DataSet out = tableOf(scene, samplesOf(scene, table, read, offset, path));
   out.path = path;
   out.sha256 = table.sha256;

@@ -481,9 +481,12 @@ void addDataSet(const io::Scene& scene, const io::DataSet& set, CalibrationData&
   data.sources.push_back({set.path, set.sha256, count});
 }
 
-CalibrationData loadCalibrationData(const io::Scene& scene, const std::vector<std::string>& paths) {
+CalibrationData loadCalibrationData(const io::Scene& scene, const std::vector<std::string>& paths,
+                                    const RecordedPressures& pressures) {
   CalibrationData out;
-  for (const std::string& path : paths) addDataSet(scene, io::loadDataSet(path), out);
+  for (const std::string& path : paths) {
+    addDataSet(scene, measurementsOf(scene, path, pressures, out.warnings), out);
+  }
   return out;
 }
 

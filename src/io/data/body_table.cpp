@@ -18,25 +18,25 @@
 namespace helix_arm::io {
 namespace {
 
-using Cells = std::vector<std::string>;
+using CellTexts = std::vector<std::string>;
 
 constexpr std::size_t kHeadBytes = 1U << 16U;  // in which a header ends
-constexpr double kNormTolerance = 1e-2;
+constexpr double kUnitTolerance = 1e-2;
 
-std::string trimmed(const std::string& text) {
+std::string trimmedCell(const std::string& text) {
   const auto first = text.find_first_not_of(" \t\r\"\xEF\xBB\xBF");
   if (first == std::string::npos) return "";
   return text.substr(first, text.find_last_not_of(" \t\r\"") + 1 - first);
 }
 
-Cells cellsOf(const std::string& line) {
-  Cells out;
+CellTexts cellsOf(const std::string& line) {
+  CellTexts out;
   std::istringstream in(line);
-  for (std::string cell; std::getline(in, cell, ',');) out.push_back(trimmed(cell));
+  for (std::string cell; std::getline(in, cell, ',');) out.push_back(trimmedCell(cell));
   return out;
 }
 
-std::string cellAt(const Cells& row, std::size_t column) {
+std::string cellAt(const CellTexts& row, std::size_t column) {
   return column < row.size() ? row[column] : std::string();
 }
 
@@ -72,9 +72,11 @@ int axisOf(const std::string& text) {
 }
 
 // time_s, NAME_x_m ..
-std::optional<Layout> tableLayout(const std::vector<Cells>& head,
+std::optional<Layout> tableLayout(const std::vector<CellTexts>& head,
                                   const std::vector<std::string>& names) {
-  const auto is_comment = [](const Cells& row) { return row.empty() || row[0].rfind('#', 0) == 0; };
+  const auto is_comment = [](const CellTexts& row) {
+    return row.empty() || row[0].rfind('#', 0) == 0;
+  };
   const auto header = std::find_if_not(head.begin(), head.end(), is_comment);
   if (header == head.end()) return std::nullopt;
   const auto column = [&header](const std::string& name) {
@@ -91,21 +93,21 @@ std::optional<Layout> tableLayout(const std::vector<Cells>& head,
   out.first_row = static_cast<std::size_t>(header - head.begin()) + 1;
   out.time = column("time_s");
   for (const std::string& name : names) {
-    out.bodies.push_back({{column(name + "_x_m"), column(name + "_y_m"), column(name + "_z_m")},
-                          {column(name + "_qx"), column(name + "_qy"), column(name + "_qz"),
-                           column(name + "_qw")}});
+    out.bodies.push_back(
+        {{column(name + "_x_m"), column(name + "_y_m"), column(name + "_z_m")},
+         {column(name + "_qx"), column(name + "_qy"), column(name + "_qz"), column(name + "_qw")}});
   }
   return out;
 }
 
 // Rows "..,Name,..", "..,Rotation,Position,.." and "Frame,Time (Seconds),X,Y,Z,W,..".
-std::optional<Layout> motiveLayout(const std::vector<Cells>& head,
+std::optional<Layout> motiveLayout(const std::vector<CellTexts>& head,
                                    const std::vector<std::string>& names) {
   if (head.empty() || cellAt(head[0], 0) != "Format Version") return std::nullopt;
   Layout out;
   const auto unit = std::find(head[0].begin(), head[0].end(), "Length Units");
   const double length = unit < head[0].end() - 1 ? unitOf(*(unit + 1)) : 1.0;
-  const Cells *types = nullptr, *titles = nullptr;
+  const CellTexts *types = nullptr, *titles = nullptr;
   for (std::size_t row = 1; row < head.size() && out.first_row == 0; ++row) {
     const std::string label = cellAt(head[row], 1);
     if (label == "Type") types = &head[row];
@@ -114,7 +116,7 @@ std::optional<Layout> motiveLayout(const std::vector<Cells>& head,
   }
   if (out.first_row == 0 || titles == nullptr) return std::nullopt;
   out.time = 1;
-  const Cells &axes = head[out.first_row - 1], &kinds = head[out.first_row - 2];
+  const CellTexts &axes = head[out.first_row - 1], &kinds = head[out.first_row - 2];
   for (const std::string& name : names) {
     BodyColumns body;
     body.length = length;
@@ -133,13 +135,13 @@ std::optional<Layout> motiveLayout(const std::vector<Cells>& head,
 }
 
 // "Objects" or "Segments", a rate, names, "Frame,Sub Frame,RX,..,TX,..", units.
-std::optional<Layout> viconLayout(const std::vector<Cells>& head,
+std::optional<Layout> viconLayout(const std::vector<CellTexts>& head,
                                   const std::vector<std::string>& names) {
-  const auto axes = std::find_if(head.begin(), head.end(), [](const Cells& row) {
+  const auto axes = std::find_if(head.begin(), head.end(), [](const CellTexts& row) {
     return cellAt(row, 0) == "Frame" && cellAt(row, 1) == "Sub Frame";
   });
   if (axes == head.end() || axes - head.begin() < 2 || head.end() - axes < 3) return std::nullopt;
-  const Cells &titles = *(axes - 1), &units = *(axes + 1);
+  const CellTexts &titles = *(axes - 1), &units = *(axes + 1);
   Layout out;
   out.first_row = static_cast<std::size_t>(axes - head.begin()) + 2;
   out.time = 0;
@@ -166,7 +168,7 @@ std::optional<Layout> viconLayout(const std::vector<Cells>& head,
   return out;
 }
 
-std::optional<Layout> layoutOf(const std::vector<Cells>& head,
+std::optional<Layout> layoutOf(const std::vector<CellTexts>& head,
                                const std::vector<std::string>& names) {
   for (const auto& kind : {tableLayout, motiveLayout, viconLayout}) {
     if (auto layout = kind(head, names)) return layout;
@@ -174,15 +176,15 @@ std::optional<Layout> layoutOf(const std::vector<Cells>& head,
   return std::nullopt;
 }
 
-std::vector<Cells> rowsOf(const std::string& text, std::size_t most) {
-  std::vector<Cells> out;
+std::vector<CellTexts> rowsOf(const std::string& text, std::size_t most) {
+  std::vector<CellTexts> out;
   std::istringstream in(text.substr(0, most));
   for (std::string line; std::getline(in, line);) out.push_back(cellsOf(line));
   return out;
 }
 
 // Nothing where the cells of the position are empty; a fault where one is no number.
-std::optional<lie::SE3> poseOf(const Cells& row, const BodyColumns& body, int line,
+std::optional<lie::SE3> poseOf(const CellTexts& row, const BodyColumns& body, int line,
                                FaultList& faults) {
   const auto number = [&](int column, double unit) {
     const std::string cell = cellAt(row, static_cast<std::size_t>(column));
@@ -205,7 +207,7 @@ std::optional<lie::SE3> poseOf(const Cells& row, const BodyColumns& body, int li
   }
   const Eigen::Quaterniond q(number(body.rotation[3], 1), r.x() / body.angle, r.y() / body.angle,
                              r.z() / body.angle);
-  if (!(std::abs(q.norm() - 1) <= kNormTolerance)) {
+  if (!(std::abs(q.norm() - 1) <= kUnitTolerance)) {
     faults.add(line, "has a quaternion that is not of norm 1");
     return std::nullopt;
   }
@@ -225,11 +227,12 @@ BodyTable loadBodyTable(const std::string& path, const std::vector<std::string>&
   FaultList faults(path);
   const auto text = readTextFile(path, kMostTableBytes, faults);
   faults.throwIfAny();
-  const std::vector<Cells> rows = rowsOf(*text, text->size());
+  const std::vector<CellTexts> rows = rowsOf(*text, text->size());
   const std::optional<Layout> layout = layoutOf(rows, names);
   if (!layout || layout->time < 0 || (layout->time == 0 && layout->rate.value_or(0) < 0)) {
-    throw DocumentError(path + " is no recording of bodies; expected time_s and NAME_x_m .., or an "
-                               "export of Motive or Vicon");
+    throw DocumentError(path +
+                        " is no recording of bodies; expected time_s and NAME_x_m .., or an "
+                        "export of Motive or Vicon");
   }
   BodyTable out;
   out.sha256 = sha256Of(*text);
