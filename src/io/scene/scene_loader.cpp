@@ -175,6 +175,14 @@ void requireSameRig(const Scene& at_hand, const Scene& next) {
   }
   require(at_hand.isSeen() == next.isSeen() && at_hand.hasBodies() == next.hasBodies(),
           "only one of the two has `camera` and `tags`, or `bodies`");
+  const auto bodiesOf = [](const Scene& scene) {
+    std::string out;
+    if (!scene.hasBodies()) return out;
+    for (const estimation::TagPlacement& body : scene.tags->tags) out += " " + body.name;
+    return out;
+  };
+  require(bodiesOf(at_hand) == bodiesOf(next), "its bodies are", bodiesOf(next), ", expected",
+          bodiesOf(at_hand));
   require(at_hand.planar.has_value() == next.planar.has_value(), "its geometry is ",
           next.planar ? "planar" : "spatial", ", expected ", at_hand.planar ? "planar" : "spatial");
 }

@@ -109,7 +109,10 @@ void PoseSource::onPose(int body, const geometry_msgs::PoseStamped& pose) {
 }
 
 void PoseSource::add(const ros::Time& stamp, const estimation::BodyPose& pose) {
-  if (secondsBetween(stamp, last_) >= kRestart) sets_.clear();  // a recording begins anew
+  if (secondsBetween(stamp, last_) >= kRestart) {  // a recording begins anew
+    sets_.clear();
+    last_ = ros::Time();
+  }
   const auto has = [&pose](const BodySet& set) {
     return std::any_of(set.poses.begin(), set.poses.end(),
                        [&pose](const auto& one) { return one.body == pose.body; });
