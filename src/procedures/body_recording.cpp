@@ -13,10 +13,10 @@
 namespace helix_arm::procedures {
 namespace {
 
-constexpr double kLeastCorrelation = 0.4;      // of activities that belong together
-constexpr double kCoarse = 0.1, kFine = 0.01;  // steps of the search [s]
-constexpr int kMostSteps = 4000;               // of the coarse one
-constexpr double kLeastOverlap = 0.5;          // of the shorter recording
+constexpr double kLeastCorrelation = 0.4;  // of activities that belong together
+constexpr double kLeastStep = 0.1;         // of the search [s]
+constexpr int kMostSteps = 4000;           // of the search
+constexpr double kLeastOverlap = 0.5;      // of the shorter recording
 
 // Sum of the magnitudes of the changes in each interval of a grid, without its mean.
 class Activity {
@@ -192,30 +192,8 @@ ClockLag lagBetween(const std::vector<double>& from, const Eigen::MatrixXd& of_f
   const double length_from = from.back() - from.front(), length_to = to.back() - to.front();
   const double lowest = to.front() - from.front() - length_from,
                highest = to.front() - from.front() + length_to;
-  const double coarse = std::max(kCoarse, (highest - lowest) / kMostSteps);
-  const ClockLag near =
-      bestOf({from, of_from, coarse}, {to, of_to, coarse}, lowest, highest, coarse);
-  // Activities on a fine grid are compared as sums over the coarse one, at fine lags.
-  ClockLag best = near;
-  for (double lag = near.seconds - 2 * coarse; lag <= near.seconds + 2 * coarse; lag += kFine) {
-    std::vector<double> shifted = from;
-    for (double& time : shifted) time += lag;
-    // Both grids begin at the later of the two first times.
-    const double begin = std::max(shifted.front(), to.front());
-    const auto after = [begin](const std::vector<double>& times) {
-      return static_cast<std::size_t>(std::lower_bound(times.begin(), times.end(), begin) -
-                                      times.begin());
-    };
-    const std::size_t a = after(shifted), b = after(to);
-    const std::vector<double> left(shifted.begin() + std::ptrdiff_t(a), shifted.end()),
-        right(to.begin() + std::ptrdiff_t(b), to.end());
-    if (left.size() < 2 || right.size() < 2) continue;
-    const Activity one(left, of_from.bottomRows(Eigen::Index(left.size())), coarse);
-    const Activity other(right, of_to.bottomRows(Eigen::Index(right.size())), coarse);
-    const auto value = one.correlation(other, right.front() - left.front());
-    if (value && *value > best.correlation) best = {lag, *value};
-  }
-  return best;
+  const double step = std::max(kLeastStep, (highest - lowest) / kMostSteps);
+  return bestOf({from, of_from, step}, {to, of_to, step}, lowest, highest, step);
 }
 
 io::DataSet measurementsOf(const io::Scene& scene, const std::string& path,

@@ -174,6 +174,20 @@ TEST_F(BodyRecording, LostBodiesAreEmptyCells) {
   expectSteps(read(changed, kOffset));
 }
 
+TEST_F(BodyRecording, PressuresMayBeColumnsOfTheSameTable) {
+  std::istringstream poses(table()), readings(recording_.pressures);
+  std::string text, pose, reading;
+  std::getline(poses, pose);  // the comment
+  for (int k = -1; std::getline(poses, pose); ++k) {
+    // A reading holds until the next one.
+    if (k < 1 || k % static_cast<int>(kPoseRate / kReadingRate) == 0)
+      std::getline(readings, reading);
+    text += pose + reading.substr(reading.find(',')) + "\n";
+  }
+  const test::TemporaryFile file(text, ".csv");
+  expectSteps(measurementsOf(scene_, file.path(), {}, notes_));
+}
+
 TEST_F(BodyRecording, FaultsAreNamed) {
   const auto refusal = [this](const std::string& text, std::optional<double> offset = kOffset) {
     try {
