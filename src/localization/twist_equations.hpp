@@ -85,7 +85,7 @@ struct PoseModel {
   const TwistFitOptions& options;
   const TagLayout& layout;
 
-  // That of the body, or that of tags.
+  // Noise of the body, or of tags.
   PoseNoise noiseOf(const Observation& seen) const {
     const auto& noise = layout.tags[static_cast<std::size_t>(seen.tag)].noise;
     return noise ? *noise : PoseNoise{options.position_noise, options.rotation_noise};

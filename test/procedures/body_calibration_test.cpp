@@ -25,7 +25,7 @@ const io::Override kUnknown{"motion_capture", "{}"};
 
 double angleOf(const Eigen::Matrix3d& R) { return Eigen::AngleAxisd(R).angle(); }
 
-// What a rig that deviates from its scene shows at 12 pressures to a system whose frame is unknown.
+// Poses of a rig that deviates from its scene, at 12 pressures, to a system whose frame is unknown.
 CalibrationData recorded(const io::Scene& scene, const std::vector<io::Override>& rig) {
   const auto plan = std::get<Eigen::MatrixXd>(checkPlan(scene.arm, {}, false));
   return walkSimulatedRig(scene, test::shippedScene("mocap", rig), plan, 3);
@@ -51,7 +51,7 @@ TEST_F(BodyCalibration, FindsTheFrameWhereverItIs) {
   const lie::SE3 truth = test::shippedScene("mocap", rig_).cameraSetup()->view.X_CB.inverse();
   EXPECT_GT((scene_.X_BF.inverse() * truth).translation.norm(), 0.5);
   const lie::SE3 error = truth.inverse() * *calibrated.motion_capture.X_BF;
-  // Of the base, about which the arm is: 1.6 m away from the frame's origin.
+  // Error of the base, about which the arm is: 1.6 m away from the frame's origin.
   EXPECT_LT((truth * error * truth.inverse()).translation.norm(), 0.001);
   EXPECT_LT(angleOf(error.rotation), 0.002);
   for (const estimation::Parameter& one : parametersOf(outcome)) {

@@ -27,7 +27,7 @@ const std::vector<Eigen::Vector3d> kSteps = {{0, 0, 0},         {2e5, 0, 0},    
                                              {0, 1.5e5, 2.5e5}, {1e5, 0, 2.5e5}, {0, 0, 0}};
 constexpr double kHold = 3.0;  // of each step [s]
 
-// What was recorded: poses of the three bodies over time.
+// Poses of the three bodies over time, as recorded.
 struct Recording {
   std::vector<double> time;
   std::vector<std::vector<estimation::BodyPose>> poses;

@@ -26,7 +26,7 @@ class BodyCheck {
   /// @param view  of bodies.
   explicit BodyCheck(const ArmView& view) : view_(view), tracks_(view.layout.tags.size()) {}
 
-  /// What is wrong with the poses of one time.
+  /// Mistakes in the poses of one time.
   struct Verdict {
     std::vector<BodyPose> sound;  ///< those that a fit may use
     std::string fault;            ///< mistakes and their remedies; empty: none

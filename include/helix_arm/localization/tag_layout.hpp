@@ -37,7 +37,7 @@ struct TagPlacement {
   /// of a tag that none of its captures shows, the deviations of the prior. 0 without one.
   lie::Vector6 error = lie::Vector6::Zero();
   bool placed = true;  ///< false: such a calibration has no capture that shows it
-  /// Of a body's poses; absent for a tag.
+  /// Expected noise of a body's poses; absent for a tag.
   std::optional<PoseNoise> noise = std::nullopt;
   std::string name = {};  ///< of a body
 

@@ -14,7 +14,7 @@ namespace helix_arm::procedures {
 struct RecordedPressures {
   /// Table with time_s and pressure_1_kpa ..; empty: the recording itself is one.
   std::string path;
-  /// What its times need added to be those of the recording [s]; absent: found by lagBetween().
+  /// Added to its times, gives those of the recording [s]; absent: found by lagBetween().
   std::optional<double> offset = 0.0;
 };
 

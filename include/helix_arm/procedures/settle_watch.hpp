@@ -18,7 +18,7 @@ struct TagObservation {
   /// x, y of bottom left, bottom right, top right, top left as one reads the tag, with lens
   /// distortion [px].
   Eigen::Matrix<double, 2, 4> corners;
-  /// Of a body, which has no corners: its origin and the ends of its axes, each kAxis long, in the
+  /// Points of a body, which has no corners: origin and ends of its axes, each kAxis long, in the
   /// frame of its poses [m].
   std::optional<Eigen::Matrix<double, 3, 4>> points = {};
 

@@ -31,7 +31,7 @@ struct Observation {
   std::string
       fault;  ///< known mistake in the poses of bodies, with its remedy; no_fit is its state
   std::vector<TagDetection> detections;  ///< all detections, sorted by id
-  /// Of each detection of a body, whose id is its index; seen from C. Empty with a camera.
+  /// Poses of the detections of bodies, whose ids are their indices; seen from C. Empty: tags.
   std::vector<estimation::BodyPose> poses;
   std::vector<int> unknown_ids;   ///< tags that this arm does not have
   std::vector<int> repeated_ids;  ///< detected more than once; none of them is used
