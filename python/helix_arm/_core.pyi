@@ -14,6 +14,7 @@ class Scene:  # attributes are read only
     length_m: float
     tier: str
     _has_vision: bool
+    _has_bodies: bool
     _is_pneumatic: bool
     def _require_same_rig(self, next: Scene) -> None: ...
     _overrides: List[Tuple[str, str]]

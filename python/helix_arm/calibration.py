@@ -211,7 +211,8 @@ class RunAction:
                 "response is fitted to a series that only a run with loop records; set loop: true")
         require(self._publisher.get_num_connections() > 0, "pressure_target has no subscriber; is pressure_command running?")
         require(not end.made(), "the node is shutting down")
-        require(scene._has_vision, f"scene {scene.name} has no `camera` or no `tags`, so nothing can be recorded; add them to it")
+        require(scene._has_vision, f"scene {scene.name} has neither `camera` and `tags` nor `bodies`, so nothing can be recorded; add "
+                "them to it")
         require(not goal.walk or not (goal.fit or goal.plan or goal.loop or goal.apply_suspect),
                 "walk has a plan of its own and fits nothing; leave out fit, plan, loop and apply_suspect")
         plan = scene._walk_plan() if goal.walk else scene._plan(goal.plan, goal.loop)
@@ -359,6 +360,7 @@ class Calibration(Node):
         data_folder, out_folder = reader.folder("data_folder"), reader.folder("out_folder")
         settle.pressure_tolerance = 1e3 * reader.number("pressure_tolerance_kpa", 1e-3 * settle.pressure_tolerance, 0.01, 100)
         settle.corner_tolerance = reader.number("corner_tolerance_px", settle.corner_tolerance, 0.01, 100)
+        settle.body_tolerance = 1e-3 * reader.number("body_tolerance_mm", 1e3 * settle.body_tolerance, 0.001, 100)
         settle.window = reader.number("window_s", settle.window, 0.05, 60)
         settle.max_age = reader.number("max_age_s", settle.max_age, 0.05, 60)
         rules.ramp = 1e3 * reader.number("ramp_kpa_s", 1e-3 * rules.ramp, 0.1, 10000)
@@ -379,8 +381,8 @@ class Calibration(Node):
             serve("fit_contraction", FitContraction, self._fit_contraction, lock, hysteresis=math.nan),
             serve("record_sample", RecordSample, self._record, lock), serve("clear_samples", ClearSamples, self._clear, lock))
         log.info(f"{scene.name}: " + ("ready to record and to calibrate" if scene._has_vision else
-                                      "ready to calibrate from data sets; its scene lacks `camera` or `tags`, so nothing can be "
-                                      "recorded"))
+                                      "ready to calibrate from data sets; its scene lacks `camera` and `tags`, or `bodies`, so nothing "
+                                      "can be recorded"))
 
     def turn(self) -> None:
         self._recorder.tick()

@@ -62,7 +62,8 @@ class ProofAction:
         self._scene_path(goal.out)  # otherwise refused only after a long run
         with self._reload.lock:
             scene = self._reload.scene
-        require(scene._has_vision, f"scene {scene.name} has no `camera` or no `tags`; expected both, as the loop needs them")
+        require(scene._has_vision, f"scene {scene.name} has neither `camera` and `tags` nor `bodies`; expected them, as the loop needs "
+                "them")
         with self._jobs.claim(PROOF):
             found = self._move(quiet_goal(scene, seconds, goal.seed))
         require(_core._sha256(scene.path) == scene._sha256, f"{scene.path} changed on disk since it was loaded; call reload first")

@@ -13,7 +13,7 @@ import rospy
 from helix_arm import _core
 from helix_arm.arguments import require
 from helix_arm.file_access import RECORDED, quoted
-from helix_arm.msg import ArmShape, PressureArray, TagDetections, VisionStatus
+from helix_arm.msg import ArmShape, BodyPoses, PressureArray, TagDetections, VisionStatus
 from helix_arm.node import LONGEST_MESSAGE, FaultCount, listen, log
 from helix_arm.scene import Scene
 
@@ -85,6 +85,7 @@ class Recorder:
             for topic, hand in (("pressure_measured", self._watch.measured), ("pressure_command", self._watch.command))]
         self._subscribers = (
             *pressures, listen("tag_detections", TagDetections, 100, self._on_detections),
+            listen("body_poses", BodyPoses, 100, self._on_bodies),
             listen("measured", ArmShape, 100, self._on_shape), listen("vision_status", VisionStatus, 100, self._on_vision))
 
     def tick(self) -> None:
@@ -157,7 +158,15 @@ class Recorder:
     def _on_detections(self, message: TagDetections) -> None:
         tags = [(tag.id, tag.corners) for tag in message.tags if not tag.repeated]
         with self._lock:
-            self._watch.seen(self._scene, message.header.stamp.to_sec(), tags)
+            if not self._scene._has_bodies:
+                self._watch.seen(self._scene, message.header.stamp.to_sec(), tags)
+
+    def _on_bodies(self, message: BodyPoses) -> None:
+        bodies = [(name, [pose.position.x, pose.position.y, pose.position.z, pose.orientation.x, pose.orientation.y,
+                          pose.orientation.z, pose.orientation.w]) for name, pose in zip(message.name, message.pose)]
+        with self._lock:
+            if self._scene._has_bodies:
+                self._watch.seen_bodies(self._scene, message.header.stamp.to_sec(), bodies)
 
     def _on_pressures(self, message: PressureArray, topic: str, hand: Callable[[float, np.ndarray], None]) -> None:
         """Hands them to the watch; warns where they are not of the scene."""

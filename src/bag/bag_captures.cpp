@@ -28,11 +28,12 @@ constexpr std::uint64_t kMostBagBytes = 16ULL << 30U;
 // Topics that are read of a recording: a topic by its name behind the last `/`, its type, and the
 // checksum of the definition in msg/, which bag_captures_test compares: the command is built
 // without ROS too.
-enum Topic { kDetections, kTagPoses, kMeasured, kCommand, kTopicCount };
+enum Topic { kDetections, kTagPoses, kMeasured, kCommand, kBodies, kTopicCount };
 const char* const kTags[] = {"helix_arm/TagDetections", "c1e7488b8f93702d089fe2e6bc94cf25"};
 // Poses of tags seen from the camera, which another detector tells.
 const char* const kPoses[] = {"apriltag_ros/AprilTagDetectionArray",
                               "2b6c03434883a5c9897c13b5594dbd91"};
+const char* const kBodySets[] = {"helix_arm/BodyPoses", "ee1b2d9e3e0156d0b1c119adb2da6c5a"};
 const char* const kPressures[] = {"helix_arm/PressureArray", "16e7dc420c1fb29f7ee29e1f1b50f307"};
 const struct {
   const char* name;
@@ -40,7 +41,8 @@ const struct {
 } kTopics[] = {{names::kTagDetections, kTags},
                {names::kTagDetections, kPoses},
                {names::kPressureMeasured, kPressures},
-               {names::kPressureCommand, kPressures}};
+               {names::kPressureCommand, kPressures},
+               {names::kBodyPoses, kBodySets}};
 
 json rulesOf() {
   json rules = json::array();
@@ -80,7 +82,7 @@ std::string faultOfTopic(Topic needed, const json& others) {
 
 // The topic of each kind; empty if absent, which is a fault except for commands, and for tags if
 // there is one of the other kind.
-std::vector<std::string> topicsOf(const json& found, const std::string& path) {
+std::vector<std::string> topicsOf(const json& found, const std::string& path, bool of_bodies) {
   io::FaultList faults(path);
   std::vector<std::string> out(kTopicCount);
   for (const json& one : found["topics"]) {
@@ -93,7 +95,7 @@ std::vector<std::string> topicsOf(const json& found, const std::string& path) {
     }
     out[place] = name;
   }
-  for (const Topic needed : {kDetections, kMeasured}) {
+  for (const Topic needed : {of_bodies ? kBodies : kDetections, kMeasured}) {
     if (!out[needed].empty() || (needed == kDetections && !out[kTagPoses].empty())) continue;
     faults.add(0, faultOfTopic(needed, found["others"]));
   }
@@ -103,6 +105,14 @@ std::vector<std::string> topicsOf(const json& found, const std::string& path) {
 
 double numberOf(const json& value) {
   return value.is_string() ? std::stod(value.get<std::string>()) : value.get<double>();
+}
+
+// @param pose  position, then quaternion x, y, z, w.
+lie::SE3 poseOf(const json& pose) {
+  const Eigen::Quaterniond q(numberOf(pose[6]), numberOf(pose[3]), numberOf(pose[4]),
+                             numberOf(pose[5]));
+  return {q.normalized().toRotationMatrix(),
+          {numberOf(pose[0]), numberOf(pose[1]), numberOf(pose[2])}};
 }
 
 std::vector<SeenTag> detectionsOf(const json& tags) {
@@ -116,6 +126,20 @@ std::vector<SeenTag> detectionsOf(const json& tags) {
   return out;
 }
 
+std::vector<SeenTag> bodiesOf(const json& names, const json& poses, const io::Scene& scene) {
+  std::vector<SeenTag> out;
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    const auto& bodies = scene.tags->tags;
+    const auto body = std::find_if(bodies.begin(), bodies.end(), [&](const auto& one) {
+      return one.name == names[i].get<std::string>();
+    });
+    if (body != bodies.end()) {
+      out.push_back({procedures::TagObservation::ofBody(body->id, poseOf(poses[i])), false});
+    }
+  }
+  return out;
+}
+
 // Where the camera of the scene sees the corners of tags whose poses another detector has told.
 std::vector<SeenTag> seenAt(const json& tags, const io::Scene& scene, const std::string& path) {
   if (!scene.camera) {
@@ -125,11 +149,7 @@ std::vector<SeenTag> seenAt(const json& tags, const io::Scene& scene, const std:
   std::vector<SeenTag> out;
   std::map<int, std::size_t> known;
   for (const json& tag : tags) {
-    const json& pose = tag[2];
-    const Eigen::Quaterniond q(numberOf(pose[6]), numberOf(pose[3]), numberOf(pose[4]),
-                               numberOf(pose[5]));
-    const lie::SE3 X_CT{q.normalized().toRotationMatrix(),
-                        {numberOf(pose[0]), numberOf(pose[1]), numberOf(pose[2])}};
+    const lie::SE3 X_CT = poseOf(tag[2]);
     SeenTag one;
     one.observation.id = tag[0];
     estimation::TagLayout plane;
@@ -167,7 +187,7 @@ std::vector<procedures::Sample> samplesOf(const basics::RegularFile& file, const
     const auto begin = std::exchange(at, std::find(at, text.end(), '\n'));
     return begin == text.end() ? json() : json::parse(begin, at == text.end() ? at : at++);
   };
-  const std::vector<std::string> topics = topicsOf(next(), path);
+  const std::vector<std::string> topics = topicsOf(next(), path, scene.hasBodies());
   std::vector<std::string> actuators;
   for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
     actuators.push_back(scene.arm.actuator(i).name);
@@ -189,8 +209,10 @@ std::vector<procedures::Sample> samplesOf(const basics::RegularFile& file, const
       topic == kCommand ? watch.command(time, values) : watch.measured(time, values);
       continue;
     }
-    const std::vector<SeenTag> tags =
-        topic == kDetections ? detectionsOf(record[2]) : seenAt(record[2], scene, path);
+    if ((topic == kBodies) != scene.hasBodies()) continue;
+    const std::vector<SeenTag> tags = topic == kBodies       ? bodiesOf(record[2], record[3], scene)
+                                      : topic == kDetections ? detectionsOf(record[2])
+                                                             : seenAt(record[2], scene, path);
     watch.seen(time, observationsOf(tags, scene));
     const procedures::Settling settling = watch.at(time);
     if (settling.settled()) {
@@ -225,24 +247,41 @@ std::vector<procedures::TagObservation> observationsOf(const std::vector<SeenTag
   }
   std::vector<procedures::TagObservation> out;
   for (const auto& [id, observation] : found) {
-    if (observation.corners.allFinite()) out.push_back(observation);
+    const bool finite =
+        observation.corners.allFinite() && (!observation.points || observation.points->allFinite());
+    if (finite) out.push_back(observation);
   }
   return out;
 }
 
-std::vector<io::TagCornerCapture> numbered(const std::vector<procedures::Sample>& samples,
-                                           const model::Arm& arm) {
-  std::vector<io::TagCornerCapture> out;
+SampleTable::SampleTable(const std::vector<procedures::Sample>& samples, const io::Scene& scene) {
   for (const procedures::Sample& sample : samples) {
-    io::TagCornerCapture& capture = out.emplace_back();
-    capture.number = static_cast<int>(out.size());
-    capture.pressure = arm.clamped(sample.pressure);
-    capture.time = sample.time;
+    const int number = size() + 1;
+    const Eigen::VectorXd pressure = scene.arm.clamped(sample.pressure);
+    if (scene.hasBodies()) {
+      poses.push_back({number, pressure, {}, sample.time});
+      for (const procedures::TagObservation& body : sample.tags) {
+        poses.back().tags.push_back({body.id, body.X_FM(), 0});
+      }
+      continue;
+    }
+    corners.push_back({number, pressure, {}, sample.time});
     for (const procedures::TagObservation& tag : sample.tags) {
-      capture.tags.push_back({tag.id, tag.corners});
+      corners.back().tags.push_back({tag.id, tag.corners});
     }
   }
-  return out;
+}
+
+std::string SampleTable::csv(int actuators, const std::string& comment) const {
+  return poses.empty() ? io::tagCornerCsv(corners, actuators, comment)
+                       : io::tagPoseCsv(poses, actuators, comment);
+}
+
+procedures::LoadedCaptures SampleTable::captures(const io::Scene& scene,
+                                                 const std::string& name) const {
+  return poses.empty()
+             ? procedures::makeCaptures(scene, corners, name, procedures::OutsideLimits::kKept)
+             : procedures::makeCaptures(scene, poses, name);
 }
 
 std::vector<procedures::Sample> loadBag(const std::string& path, const io::Scene& scene,
@@ -254,7 +293,8 @@ std::vector<procedures::Sample> loadBag(const std::string& path, const io::Scene
 
 procedures::CalibrationData loadMeasurements(const io::Scene& scene,
                                              const std::vector<std::string>& paths,
-                                             const procedures::SettleRules& rules) {
+                                             const procedures::SettleRules& rules,
+                                             const procedures::RecordedPressures& pressures) {
   const std::string kRecording = ".bag";
   std::vector<std::string> tables, bags;
   for (const std::string& path : paths) {
@@ -263,17 +303,16 @@ procedures::CalibrationData loadMeasurements(const io::Scene& scene,
         path.compare(path.size() - kRecording.size(), kRecording.size(), kRecording) == 0;
     (is_bag ? bags : tables).push_back(path);
   }
-  procedures::CalibrationData out = procedures::loadCalibrationData(scene, tables);
+  procedures::CalibrationData out = procedures::loadCalibrationData(scene, tables, pressures);
   for (const std::string& path : bags) {
     basics::RegularFile file(path);
     requireOpen(file, path);
     const std::string sha256 = io::sha256OfFile(file, path, kMostBagBytes);
-    const auto seen = numbered(samplesOf(file, path, scene, rules), scene.arm);
+    const SampleTable seen(samplesOf(file, path, scene, rules), scene);
     if (!file.isUnchanged()) {
       throw io::DocumentError(path + " changed while it was read; expected one that is closed");
     }
-    procedures::LoadedCaptures loaded =
-        procedures::makeCaptures(scene, seen, path, procedures::OutsideLimits::kKept);
+    procedures::LoadedCaptures loaded = seen.captures(scene, path);
     out.sources.push_back({path, sha256, static_cast<int>(loaded.captures.size())});
     procedures::addCaptures(std::move(loaded.captures), path, out);
   }

@@ -94,7 +94,7 @@ class TagCost final : public ReadingCost {
  public:
   TagCost(const Shared& shared, const Place& place, const Model& model,
           typename Model::Observation seen, bool takes_tag)
-      : ReadingCost(shared, place, model.residuals(), rigOf(takes_tag)),
+      : ReadingCost(shared, place, model.residuals(seen), rigOf(takes_tag)),
         model_(model),
         seen_(std::move(seen)) {
     rest_length_ = shared.arms[place.arm].arm.restLength(placement().section);
@@ -307,7 +307,7 @@ std::vector<ReadingTerm> termsOf(const Shared& shared, const Place& place, const
     add(std::make_unique<TwistCost>(shared, place, *twists));
     terms.back().limit = std::numeric_limits<double>::infinity();
   } else if (const auto* poses = std::get_if<std::vector<PoseObservation>>(&reading)) {
-    addTags(PoseModel{shared.expected}, *poses);
+    addTags(PoseModel{shared.expected, data.layout}, *poses);
   } else {
     const CornerModel model{data.X_CB, data.camera.focal() / shared.options.corner_noise,
                             shared.expected};

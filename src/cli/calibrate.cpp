@@ -146,6 +146,7 @@ struct CalibrateOptions {
   procedures::CalibrationRequest request;
   bool verbose = false;
   std::optional<int> muscles;  // on a testing machine
+  procedures::RecordedPressures pressures;  // of recordings of bodies
   double rest_offset_mm = 1e3 * request.rest_offset;
 };
 
@@ -423,7 +424,7 @@ int run(const CalibrateOptions& options, const GlobalOptions& global) {
   if (options.branch == "falling") request.branch = estimation::Branch::kFalling;
   request.rest_offset = 1e-3 * options.rest_offset_mm;
   request.date = procedures::utcNow();
-  const procedures::CalibrationData data = ros_bridge::loadMeasurements(scene, options.data, {});
+  const procedures::CalibrationData data = ros_bridge::loadMeasurements(scene, options.data, {}, options.pressures);
   std::vector<procedures::CompanionArm> companions;
   for (const std::string& text : options.also) companions.push_back(companionOf(text));
   const procedures::CalibrationOutcome outcome =
@@ -486,7 +487,8 @@ Subcommand addCalibrate(CLI::App& app) {
       "z_m, optionally qx .. qw; for a mode without pressures, too); captures with columns of "
       "a load that hangs on the arm (load_mass_kg or load_force_x_n .. load_force_z_n, world "
       "frame; load_s: sections from the base, default the tip); or rosbags with "
-      "tag_detections, pressure_measured and pressure_command: each time the arm is at rest "
+      "tag_detections, pressure_measured and pressure_command, or recordings of bodies "
+      "(time_s, NAME_x_m .. NAME_qw, or exports of Motive or Vicon): each time the arm is at rest "
       "is one capture",
       kRequired);
   addOption(*command, "--fit", options->fit,
@@ -497,6 +499,7 @@ Subcommand addCalibrate(CLI::App& app) {
             "another arm with the same stiffness, as SCENE,DATA.csv; --set does not apply to it; "
             "repeatable")
       ->allow_extra_args(false);
+  addPressures(*command, options->pressures);
   addCurveOptions(*command, *options);
   addOption(
       *command, "--rest-offset-mm", options->rest_offset_mm,

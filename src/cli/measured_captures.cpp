@@ -221,6 +221,7 @@ std::optional<double> median(std::vector<double> values) {
 struct CaptureOptions {
   std::string scene, data, png, contraction;
   std::optional<int> muscles;  // on a testing machine
+  procedures::RecordedPressures pressures;  // of recordings of bodies
 };
 
 json fittedJson(const FittedCapture& capture, const TagLayout& layout) {
@@ -585,7 +586,10 @@ int runEvaluate(const CaptureOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadScene(options.scene, global);
   refuseIf(!options.contraction.empty() && !options.muscles, "--contraction needs --muscles");
   if (options.muscles) return evaluateStand(scene, options, global.format);
-  const io::DataSet data = io::loadDataSet(options.data);
+  std::vector<std::string> notes;
+  const io::DataSet data =
+      procedures::measurementsOf(scene, options.data, options.pressures, notes);
+  for (const std::string& note : notes) std::cerr << note << "\n";
   if (data.find("x_m") >= 0 && data.find("tag") < 0) {
     return evaluateSeries(scene, data, options, global.format);
   }
@@ -636,8 +640,10 @@ Subcommand addEvaluate(CLI::App& app) {
       "tag "
       "corners that simulate writes, or a series of the tip (time_s, pressure_1_kpa .., x_m, y_m, "
       "z_m, optionally qx .. qw, trial; "
-      "without time_s the arm rests at each row); columns of a load as for calibrate",
+      "without time_s the arm rests at each row), or a recording of bodies (time_s, NAME_x_m .. "
+      "NAME_qw, or an export of Motive or Vicon); columns of a load as for calibrate",
       kRequired);
+  addPressures(*command, options->pressures);
   addOption(*command, "--png", options->png,
             "picture of a series: model and measurement over the time");
   addOption(*command, "--muscles", options->muscles,

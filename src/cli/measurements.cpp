@@ -8,6 +8,7 @@
 #include "arguments.hpp"
 #include "command.hpp"
 #include "helix_arm/basics/text.hpp"
+#include "helix_arm/io/number.hpp"
 #include "helix_arm/model/curve.hpp"
 
 namespace helix_arm::cli {
@@ -65,6 +66,24 @@ std::string whyUndetermined(const io::Scene& scene, const std::vector<int>& tags
   if (!lacking.empty()) return lacking + "; expected at least " + std::to_string(needed);
   return "the visible tags do not determine the arm's shape; place tags farther apart and on "
          "different sides of the arm";
+}
+
+void addPressures(CLI::App& command, procedures::RecordedPressures& pressures) {
+  addOption(command, "--pressures", pressures.path,
+            "table with time_s and pressure_1_kpa .., for a recording of bodies without pressures",
+            TypeName{"FILE"});
+  command
+      .add_option_function<std::string>(
+          "--offset-s",
+          [&pressures](const std::string& text) {
+            pressures.offset = io::parseNumber(text);
+            if (!pressures.offset && text != "auto") {
+              throw CLI::ValidationError("--offset-s", "expected a number of seconds, or auto");
+            }
+          },
+          "what is added to the times of the pressures [s]; auto: found, as pressures and bodies "
+          "change together. Default 0")
+      ->type_name("S");
 }
 
 nlohmann::json missingColumns(const io::Scene& scene, const io::DataSet& data) {

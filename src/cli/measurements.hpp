@@ -8,6 +8,7 @@
 #include "helix_arm/io/data_set.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/localization/twist_fit.hpp"
+#include "helix_arm/procedures/body_recording.hpp"
 #include "output.hpp"
 
 namespace helix_arm::cli {
@@ -48,6 +49,9 @@ std::string noteOnResponse(const model::Arm& arm);
 /// @param rows  of the history; 0 without one.
 void addResponse(const model::Arm& arm, const model::ArmResponse& response, Eigen::Index rows,
                  nlohmann::json& result);
+
+/// Adds `--pressures` and `--offset-s`, for recordings of bodies.
+void addPressures(CLI::App& command, procedures::RecordedPressures& pressures);
 
 /// The table of an option: that of a file, or of stdin where the path is "-".
 /// Columns of words that forward and inverse print are left out.

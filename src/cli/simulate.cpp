@@ -238,6 +238,8 @@ SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& globa
   const int captures = given.size() > 0 ? static_cast<int>(given.rows()) : options.count;
   std::optional<simulation::CameraSetup> camera = scene.cameraSetup();
   if (camera) camera->config.seed = options.seed;
+  // Bodies are seen from their frame at its true place.
+  const lie::SE3 X_FB = scene.hasBodies() ? camera->view.X_CB : scene.X_BF.inverse();
   simulation::SimulatedRig rig(scene.model, procedures::simulatedRegulatorOf(scene),
                                scene.simulation.arm, camera);
   vision::JpegEncoder encoder(scene.simulation.camera.jpeg_quality);
@@ -256,14 +258,13 @@ SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& globa
   std::vector<io::TagCornerCapture> corners;
   vision::TagDetector detector(scene.vision.detector);
 
-  const lie::SE3 X_FB = scene.X_BF.inverse();
   for (int capture = 1; capture <= captures; ++capture) {
     rig.command(given.size() > 0 ? Eigen::VectorXd(given.row(capture - 1))
                                  : drawPressure(scene.arm, generator));
     rig.step(std::numeric_limits<double>::infinity());
     const model::Shape shape = rig.shape();
     CsvTable::Row row = truthOf(capture, rig.pressure(), shape);
-    if (camera) {
+    if (rig.hasCamera()) {
       const auto visible = estimation::visibleTags(camera->view, shape);
       row.emplace_back("visible_tags", std::to_string(visible.size()));
       const auto jpeg = encoder.encode(rig.render());
@@ -282,7 +283,7 @@ SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& globa
       poses->add(pose_row);
     }
   }
-  if (camera) {
+  if (rig.hasCamera()) {
     OutputFile(directory / "tag_corners.csv",
                io::tagCornerCsv(corners, scene.arm.actuatorCount(), cornerComment(scene)));
   }

@@ -64,8 +64,8 @@ json rowsOf(const cv::Mat& cells) {
 
 // The tags and where they are mounted, as tag_pages.py lays them out.
 json armJson(const io::Scene& scene) {
-  basics::require(scene.tags.has_value() && !scene.tags->tags.empty(), "scene ", scene.name,
-                  " has no tags; expected a scene with a section tags");
+  basics::require(scene.tags && !scene.tags->tags.empty() && !scene.hasBodies(), "scene ",
+                  scene.name, " has no tags; expected a scene with a section tags");
   const vision::TagFamily family(scene.vision.detector.family);
   json sections, tags;
   for (int i = 0; i < scene.arm.sectionCount(); ++i) {

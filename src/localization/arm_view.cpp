@@ -5,13 +5,17 @@
 namespace helix_arm::estimation {
 
 void ArmView::validate() const {
-  camera.validate();
+  if (!layout.hasBodies()) camera.validate();
   layout.validate(sections);
 }
 
 void visibleTags(const ArmView& view, const model::Shape& shape, double least_cosine,
                  std::vector<TagImage>& out) {
   out.clear();
+  if (view.layout.hasBodies()) {
+    for (int i = 0; i < static_cast<int>(view.layout.tags.size()); ++i) out.push_back({i, {}});
+    return;
+  }
   const Corners plane = view.layout.corners();
   const model::Shape::Pieces& pieces = shape.pieces();
   lie::SE3 X_CS = view.X_CB;  // where piece j begins

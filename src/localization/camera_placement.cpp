@@ -118,7 +118,7 @@ class PlacementProblem {
       const auto left = (root * root.transpose() * rows.residual).eval();
       TagResidual tag = at.residuals[i];
       tag.rms = options_.corner_noise * std::sqrt(left.squaredNorm() / kRows);
-      tag.outlier = at.squares[i] > equations_.threshold(corners_);
+      tag.outlier = at.squares[i] > equations_.threshold() * at.counts[i];
       square += tag.weight * at.squares[i];
       out.tags.push_back(tag);
       if (tag.outlier) continue;

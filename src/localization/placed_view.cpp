@@ -21,9 +21,10 @@ lie::Vector6 bothParts(double translation, double rotation) {
 
 // Errors of all parameters of a fit by one standard deviation of each entry of the placements: six
 // columns for each tag of the layout, six for the base. A tag that is not fitted has none.
+template <class Model, class Observe>
 std::optional<Eigen::MatrixXd> errorsOfFit(const PlacedView& placed, const model::Arm& arm,
-                                           const model::Shape& shape,
-                                           const std::vector<int>& tags) {
+                                           const model::Shape& shape, const std::vector<int>& tags,
+                                           const Model& instrument, const Observe& observe) {
   basics::requireValue(
       shape.sectionCount() == placed.view.sections && shape.sectionCount() == arm.sectionCount(),
       kCulprit, "the number of sections of the shape", shape.sectionCount(),
@@ -33,16 +34,14 @@ std::optional<Eigen::MatrixXd> errorsOfFit(const PlacedView& placed, const model
                          kCulprit, "the index of a tag", tag, "one of the layout");
   }
   TwistEquations equations(placed.view.layout, placed.view.sections, placed.fit);
-  const CornerModel corners{placed.view.X_CB, placed.view.camera.focal() / placed.fit.corner_noise,
-                            equations.options()};
   equations.expect(shape);
   FitPoint point;
   equations.start(shape.twists(), point);
-  std::vector<CornerObservation> seen;
+  std::vector<typename Model::Observation> seen;
   seen.reserve(tags.size());
-  for (const int tag : tags) seen.push_back(observe(placed.view, point.shape, tag));
+  for (const int tag : tags) seen.push_back(observe(point.shape, tag));
   NormalEquations system;
-  equations.evaluate(corners, seen, -1, point, system);
+  equations.evaluate(instrument, seen, -1, point, system);
   if (!std::isfinite(point.cost)) return std::nullopt;
 
   const Eigen::LLT<Eigen::MatrixXd> factors(system.hessian);
@@ -54,16 +53,24 @@ std::optional<Eigen::MatrixXd> errorsOfFit(const PlacedView& placed, const model
     out.middleCols<6>(6 * placement) = factors.solve(gradient) * deviations.asDiagonal();
   };
   Eigen::MatrixXd by_base = Eigen::MatrixXd::Zero(size, 6);
-  for (const CornerObservation& one : seen) {
+  for (const auto& one : seen) {
     const auto index = static_cast<std::size_t>(one.tag);
     const TagPlacement& tag = placed.view.layout.tags[index];
-    const Eigen::MatrixXd by_motion = equations.gradientByMotion(corners, one, point);
+    const Eigen::MatrixXd by_motion = equations.gradientByMotion(instrument, one, point);
     set(one.tag, by_motion * motionsOf(tag, arm.restLength(tag.section), point.shape),
         placed.deviations.tags[index]);
     by_base += by_motion;
   }
   set(count, by_base, placed.deviations.base);
   return out;
+}
+
+std::optional<Eigen::MatrixXd> errorsOfFit(const PlacedView& placed, const model::Arm& arm,
+                                           const model::Shape& shape,
+                                           const std::vector<int>& tags) {
+  return withInstrument(placed.view, placed.fit, [&](const auto& instrument, const auto& observe) {
+    return errorsOfFit(placed, arm, shape, tags, instrument, observe);
+  });
 }
 
 Eigen::MatrixXd covarianceOf(const Eigen::MatrixXd& errors) { return errors * errors.transpose(); }

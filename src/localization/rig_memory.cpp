@@ -22,9 +22,7 @@ constexpr int kMostFailures = 30;
 // within some hundred different shapes, while one load, carried for some of them, changes little.
 constexpr double kKept = 0.995;
 
-// Constants of BaseWatch: pictures a fit, deviations of a move, fits that change its verdict, prior
-// of fits.
-constexpr int kWatchPeriod = 10;
+// Constants of BaseWatch: deviations of a move, fits that change its verdict, prior of fits.
 constexpr double kMovedBeyond = 5.0;
 constexpr int kWatchPatience = 3;
 // Fits of the usual base: fewest that count, and most. Part of P0 + Q by which it may change.
@@ -113,11 +111,13 @@ void RigMemory::reset() { *this = RigMemory(options_, by_placements_); }
 
 std::string BaseMove::message() const {
   return basics::format(
-      "the camera or the arm's base %s %.0f mm and %.1f deg%s (%.0f standard deviations): fix "
-      "both, then place the camera anew with helix_arm camera place",
-      since_before ? "has moved by" : "is", 1e3 * xi.head<3>().norm(),
-      xi.tail<3>().norm() * 180 / basics::kPi, since_before ? "" : " from where the scene says",
-      deviations);
+      "the %s or the arm's base %s %.0f mm and %.1f deg%s (%.0f standard deviations): fix "
+      "both, then %s",
+      of_bodies ? "frame of the poses" : "camera", since_before ? "has moved by" : "is",
+      1e3 * xi.head<3>().norm(), xi.tail<3>().norm() * 180 / basics::kPi,
+      since_before ? "" : " from where the scene says", deviations,
+      of_bodies ? "calibrate anew with --fit base"
+                : "place the camera anew with helix_arm camera place");
 }
 
 BaseWatch::BaseWatch(TagLayout layout, int sections, const TwistFitOptions& options,
@@ -127,8 +127,15 @@ BaseWatch::BaseWatch(TagLayout layout, int sections, const TwistFitOptions& opti
 
 void BaseWatch::see(const std::vector<CornerObservation>& seen, const lie::SE3& X_CB, double focal,
                     const model::Shape& start, const model::Shape& model) {
-  if (pictures_++ % kWatchPeriod != 0) return;
-  const TwistFit& fit = fitter_.fit(seen, X_CB, focal, start, model);
+  if (isDue()) judge(fitter_.fit(seen, X_CB, focal, start, model));
+}
+
+void BaseWatch::see(const std::vector<PoseObservation>& seen, const model::Shape& start,
+                    const model::Shape& model) {
+  if (isDue()) judge(fitter_.fit(seen, start, model));
+}
+
+void BaseWatch::judge(const TwistFit& fit) {
   if (fit.status != FitStatus::kConverged) return;
   const BaseMove now = moveOf(fit.rig);
   const bool moved = now.deviations > kMovedBeyond;
@@ -150,9 +157,10 @@ BaseMove BaseWatch::moveOf(const RigEstimate& rig) const {
   const auto distance = [&noise](const lie::Vector6& from, const Matrix6& known) {
     return std::sqrt(from.dot(Eigen::LLT<Matrix6>(known + noise).solve(from)));
   };
-  const BaseMove of_scene = {x, distance(x, known_), false};
+  const bool bodies = fitter_.layout().hasBodies();
+  const BaseMove of_scene = {x, distance(x, known_), false, bodies};
   if (fits_ < kLeastFits) return of_scene;
-  const BaseMove since = {x - usual_, distance(x - usual_, kChanges * known_), true};
+  const BaseMove since = {x - usual_, distance(x - usual_, kChanges * known_), true, bodies};
   return since.deviations > of_scene.deviations ? since : of_scene;
 }
 

@@ -28,15 +28,14 @@ constexpr double kLeastFreedom = 4.0;
 // Lower bound of the estimated variance, relative to the expected one.
 constexpr double kLeastVariance = 0.01;
 
-// Marks tags whose squares exceed a limit as outliers, and sets the RMS of the others. The squares
-// are of the tags' residuals, in expected variances.
+// Marks tags whose mean squares exceed a limit as outliers, and sets the RMS of the others.
 // @return the number of the others.
-int markOutliers(const std::vector<double>& squares, double limit, TwistFit& fit) {
+int markOutliers(const FitPoint& at, double limit, TwistFit& fit) {
   double square = 0;
   int fitting = 0;
   for (std::size_t i = 0; i < fit.tags.size(); ++i) {
     TagResidual& tag = fit.tags[i];
-    tag.outlier = squares[i] > limit;
+    tag.outlier = at.squares[i] > limit * at.counts[i];
     if (tag.outlier) continue;
     square += tag.rms * tag.rms;
     ++fitting;
@@ -53,27 +52,27 @@ struct ResidualNoise {
 
 // Noise of normally distributed errors under a robust loss (Huber, Robust Statistics, 7.6): the
 // weighted squares divided by the slopes of the equations, since larger errors have less weight.
-// @param residuals  number per tag. @param data_parameters  how many the tags determine.
-ResidualNoise noiseOf(const TwistFit& fit, const std::vector<double>& squares, double residuals,
-                      double data_parameters) {
-  double weights = 0, weights2 = 0, weighted = 0, slopes = 0, slopes2 = 0;
+// @param data_parameters  how many the tags determine.
+ResidualNoise noiseOf(const TwistFit& fit, const FitPoint& at, double data_parameters) {
+  // Sums over the residuals.
+  double all = 0, weights = 0, weights2 = 0, weighted = 0, slopes = 0, slopes2 = 0;
   for (std::size_t i = 0; i < fit.tags.size(); ++i) {
     const double weight = fit.tags[i].weight;
     const double radial = weight * (2 * weight - 1);  // across it, the slope is the weight
-    weights += weight;
-    weights2 += weight * weight;
-    weighted += weight * weight * squares[i];
+    const double residuals = at.counts[i];
+    all += residuals;
+    weights += residuals * weight;
+    weights2 += residuals * weight * weight;
+    weighted += weight * weight * at.squares[i];
     slopes += (residuals - 1) * weight + radial;
     slopes2 += (residuals - 1) * weight * weight + radial * radial;
   }
-  const double all = residuals * static_cast<double>(fit.tags.size());
   // Tags of weight 0 do not count.
-  const double count = residuals * weights * weights / weights2;
+  const double count = weights * weights / weights2;
   const double freedom = std::max(0.0, count - data_parameters);
   const double spread = all * slopes2 / (slopes * slopes) - 1;
   const double correction = 1 + data_parameters / all * spread;
-  const double square =
-      correction * correction * weighted * count * residuals * weights / (slopes * slopes);
+  const double square = correction * correction * weighted * count * weights / (slopes * slopes);
   const double expected = std::max(0.0, kLeastFreedom - freedom);
   return {std::max(kLeastVariance, (expected + square) / (expected + freedom)), expected + freedom};
 }
@@ -206,16 +205,16 @@ double TwistEquations::addPriors(const FitPoint& point, bool fits_border_shift,
   return cost;
 }
 
-void reportStatistics(const TwistEquations& equations, double residuals, double threshold,
-                      const FitPoint& at, const Eigen::Ref<const Eigen::MatrixXd>& hessian,
+void reportStatistics(const TwistEquations& equations, const FitPoint& at,
+                      const Eigen::Ref<const Eigen::MatrixXd>& hessian,
                       const Eigen::Ref<const Eigen::MatrixXd>& priors, TwistFit& result) {
-  const int fitting = markOutliers(at.squares, threshold, result);
+  const int fitting = markOutliers(at, equations.threshold(), result);
   const Parameters inverse = inverseOf(hessian);
   // Errors of the tags and of the priors, each propagated to the solution.
   const Parameters from_priors = inverse.lazyProduct(priors);
   const Parameters by_priors = from_priors.lazyProduct(inverse);
   const double data_parameters = static_cast<double>(hessian.cols()) - from_priors.trace();
-  const ResidualNoise noise = noiseOf(result, at.squares, residuals, data_parameters);
+  const ResidualNoise noise = noiseOf(result, at, data_parameters);
   const Parameters by_tags = noise.variance * (inverse - by_priors);
   const Parameters all = by_tags + by_priors;
 

@@ -38,15 +38,15 @@ struct CornerModel {
   double weight;   // focal length / noise
   const TwistFitOptions& options;
 
-  int residuals() const { return 8; }
+  static int residuals(const Observation&) { return 8; }
   // Factor on the noise's variance: four corners that err together by this tell as one does [m].
-  double excess(double deviation, const lie::SE3& X_B0T) const {
+  double excess(const Observation&, double deviation, const lie::SE3& X_B0T) const {
     const double noises = weight * deviation / (X_CB0 * X_B0T.translation).z();
     return 1 + 4 * noises * noises;
   }
   // RMS of the corners' distances along one axis [px].
-  double shown(const Observation&, const lie::SE3&, double square) const {
-    return options.corner_noise * std::sqrt(square / residuals());
+  double shown(const Observation& seen, const lie::SE3&, double square) const {
+    return options.corner_noise * std::sqrt(square / residuals(seen));
   }
 
   // False if a corner is behind the camera.
@@ -83,10 +83,16 @@ struct PoseModel {
   static constexpr bool kBorderShifts = false;
 
   const TwistFitOptions& options;
+  const TagLayout& layout;
 
-  int residuals() const { return options.rotation_noise > 0 ? 6 : 3; }
-  double excess(double deviation, const lie::SE3&) const {
-    const double noises = deviation / options.position_noise;
+  // Noise of the body, or of tags.
+  PoseNoise noiseOf(const Observation& seen) const {
+    const auto& noise = layout.tags[static_cast<std::size_t>(seen.tag)].noise;
+    return noise ? *noise : PoseNoise{options.position_noise, options.rotation_noise};
+  }
+  int residuals(const Observation& seen) const { return noiseOf(seen).rotation > 0 ? 6 : 3; }
+  double excess(const Observation& seen, double deviation, const lie::SE3&) const {
+    const double noises = deviation / noiseOf(seen).position;
     return 1 + noises * noises;
   }
   // Distance of the positions [m].
@@ -95,7 +101,8 @@ struct PoseModel {
   }
 
   bool evaluate(const Observation& seen, const lie::SE3& X_B0T, const Corners&, Rows& rows) const {
-    const double weight = 1.0 / options.position_noise;
+    const PoseNoise noise = noiseOf(seen);
+    const double weight = 1.0 / noise.position;
     const Eigen::Matrix3d& R = X_B0T.rotation;
     rows.residual.setZero();
     rows.by_v.setZero();
@@ -104,12 +111,12 @@ struct PoseModel {
     rows.by_v.topRows<3>().setIdentity();
     rows.by_v *= weight;
     rows.by_w.topRows<3>() = -weight * lie::skew(X_B0T.translation);
-    if (options.rotation_noise > 0) {
+    if (noise.rotation > 0) {
       const lie::SE3 turn{seen.X_BT.rotation.transpose() * R, Eigen::Vector3d::Zero()};
       const lie::Vector6 phi = turn.log();
-      rows.residual.tail<3>() = phi.tail<3>() / options.rotation_noise;
+      rows.residual.tail<3>() = phi.tail<3>() / noise.rotation;
       rows.by_w.bottomRows<3>() = lie::SE3::rightJacobianInverse(phi).bottomRightCorner<3, 3>() *
-                                  R.transpose() / options.rotation_noise;
+                                  R.transpose() / noise.rotation;
     }
     return true;
   }
@@ -176,6 +183,7 @@ struct FitPoint {
   double cost = std::numeric_limits<double>::infinity();
   std::vector<TagResidual> residuals;
   std::vector<double> squares;  ///< per tag: sum of squared residuals, in expected variances
+  std::vector<double> counts;   ///< per tag: number of residuals
 };
 
 /// Normal equations of all parameters: twists, base, border shift. Their number is known at run
@@ -233,11 +241,10 @@ class TwistEquations {
   int parameters() const {
     return borderShiftColumn() + (fitsBorderShift<Model>() ? 1 : 0);
   }
-  /// Sum of a tag's squared residuals beyond which it is an outlier.
-  template <class Model>
-  double threshold(const Model& model) const {
+  /// Mean of a tag's squared residuals beyond which it is an outlier.
+  double threshold() const {
     const double scale = options_.robust_scale * noise_scale_;
-    return scale * scale * model.residuals();
+    return scale * scale;
   }
   /// Standard deviation of the model's prior of one entry of the twists.
   double modelDeviation(int entry) const { return deviations_.data()[entry]; }
@@ -292,6 +299,7 @@ class TwistEquations {
     system.hessian.setZero(size, size);
     point.residuals.clear();
     point.squares.clear();
+    point.counts.clear();
     point.cost = std::numeric_limits<double>::infinity();
     starts_[0] = point.X_B0B;
     base_jacobian_ = PointJacobian(point.X_B0B);
@@ -309,7 +317,6 @@ class TwistEquations {
       if ((j + 1) % per_section == 0) jacobians_.push_back(jacobian);
     }
     const Corners plane = layout_.corners(point.border_shift);
-    const double limit = threshold(model);
     double cost = 0;
     for (std::size_t i = 0; i < seen.size(); ++i) {
       const TagPlacement& tag = layout_.tags[seen[i].tag];
@@ -317,10 +324,12 @@ class TwistEquations {
       const lie::SE3 X_B0T = poseOf(tag, place, point.shape);
       typename Model::Rows rows;
       if (!model.evaluate(seen[i], X_B0T, plane, rows)) return;
-      const double excess = model.excess(worse_[seen[i].tag], X_B0T);
+      const double excess = model.excess(seen[i], worse_[seen[i].tag], X_B0T);
+      const double limit = threshold() * model.residuals(seen[i]);
       const double shown = rows.residual.squaredNorm(), square = shown / excess;
       const double weight = 1.0 / (1.0 + square / limit);
       point.squares.push_back(square);
+      point.counts.push_back(model.residuals(seen[i]));
       point.residuals.push_back({seen[i].tag, model.shown(seen[i], X_B0T, shown), weight, false});
       if (static_cast<int>(i) == skipped) continue;
       cost += limit * std::log1p(square / limit);
@@ -342,7 +351,7 @@ class TwistEquations {
     const auto J = jacobian<Model>(tag.section, place, rows, point.shape);
     Eigen::MatrixXd out(J.cols(), 6);
     out << J.transpose() * rows.by_v, J.transpose() * rows.by_w;
-    return out / model.excess(worse_[seen.tag], X_B0T);
+    return out / model.excess(seen, worse_[seen.tag], X_B0T);
   }
 
   /// Adds the priors' equations; returns their cost.
@@ -437,11 +446,11 @@ class TwistEquations {
 /// Fills in the results that follow from the equations at the end of a search: outliers, RMS,
 /// covariances, and the status if the tags do not explain or determine the twists.
 ///
-/// @param residuals  number per tag. @param threshold  of outliers. @param at  end of the search.
+/// @param at       end of the search.
 /// @param hessian  (parameters x parameters, lower triangle) of the normal equations there.
 /// @param priors   (parameters x parameters) the priors' part of it.
-void reportStatistics(const TwistEquations& equations, double residuals, double threshold,
-                      const FitPoint& at, const Eigen::Ref<const Eigen::MatrixXd>& hessian,
+void reportStatistics(const TwistEquations& equations, const FitPoint& at,
+                      const Eigen::Ref<const Eigen::MatrixXd>& hessian,
                       const Eigen::Ref<const Eigen::MatrixXd>& priors, TwistFit& result);
 
 /// Covariance of the tip's position seen from B0, due to that of the twists followed by the base.
@@ -485,8 +494,20 @@ inline CornerObservation observe(const TagLayout& layout, const model::Shape& sh
   return out;
 }
 
-inline CornerObservation observe(const ArmView& view, const model::Shape& shape, int tag) {
-  return observe(view.layout, shape, view.X_CB, tag);
+/// Calls `use(model, observe)` with the model of the instrument that sees the arm, and with what an
+/// ideal one tells of the tag of this index: observe(shape, tag).
+template <class Use>
+auto withInstrument(const ArmView& view, const TwistFitOptions& options, const Use& use) {
+  if (view.layout.hasBodies()) {
+    return use(PoseModel{options, view.layout}, [&view](const model::Shape& shape, int tag) {
+      const TagPlacement& placed = view.layout.tags[static_cast<std::size_t>(tag)];
+      return PoseObservation{tag, model::poseAt(shape, placed.section, placed.s) * placed.X_ST};
+    });
+  }
+  return use(CornerModel{view.X_CB, view.camera.focal() / options.corner_noise, options},
+             [&view](const model::Shape& shape, int tag) {
+               return observe(view.layout, shape, view.X_CB, tag);
+             });
 }
 
 }  // namespace helix_arm::estimation

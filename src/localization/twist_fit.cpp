@@ -25,11 +25,12 @@ constexpr double kMostNoise = 7.0;
 
 // Factor by which the expected errors of tags must grow; empty if the errors are about as large as
 // expected. The factor is limited: tags with much larger errors are wrong, however many they are.
-// @param residuals  number per tag. @param errors  workspace.
-std::optional<double> noiseScaleOf(const std::vector<double>& squares, double residuals,
-                                   std::vector<double>& errors) {
+// @param errors  workspace.
+std::optional<double> noiseScaleOf(const FitPoint& at, std::vector<double>& errors) {
   errors.clear();
-  for (const double square : squares) errors.push_back(std::sqrt(square / residuals));
+  for (std::size_t i = 0; i < at.squares.size(); ++i) {
+    errors.push_back(std::sqrt(at.squares[i] / at.counts[i]));
+  }
   const auto middle = errors.begin() + static_cast<std::ptrdiff_t>(errors.size() / 2);
   std::nth_element(errors.begin(), middle, errors.end());
   if (*middle < kNoisy) return std::nullopt;
@@ -72,6 +73,7 @@ struct TwistFitter::Workspace {
     for (FitPoint* point : {&at, &next}) {
       point->residuals.reserve(count);
       point->squares.reserve(count);
+      point->counts.reserve(count);
     }
     for (TwistFit* fit : {&result, &best}) {
       fit->tags.reserve(count);
@@ -90,8 +92,11 @@ struct TwistFitter::Workspace {
     result.iterations = 0;
     result.rms = result.cost = 0;
     result.tags.clear();
-    const int used = static_cast<int>(seen.size()) - (skipped >= 0 ? 1 : 0);
-    if (used * model.residuals() < 6 * sections()) return;
+    int numbers = 0;
+    for (int i = 0; i < static_cast<int>(seen.size()); ++i) {
+      if (i != skipped) numbers += model.residuals(seen[static_cast<std::size_t>(i)]);
+    }
+    if (numbers < 6 * sections()) return;
     equations.evaluate(model, seen, skipped, at, system);
     result.status = FitStatus::kNotConverged;
     if (!std::isfinite(at.cost)) return;
@@ -124,8 +129,7 @@ struct TwistFitter::Workspace {
     trial.gradient.setZero(system.gradient.size());
     trial.hessian.setZero(system.gradient.size(), system.gradient.size());
     equations.addPriors<Model>(at, trial);
-    reportStatistics(equations, model.residuals(), equations.threshold(model), at, system.hessian,
-                     trial.hessian, result);
+    reportStatistics(equations, at, system.hessian, trial.hessian, result);
   }
 
   void report() {
@@ -170,7 +174,7 @@ struct TwistFitter::Workspace {
   template <class Model>
   void adaptToNoise(const Model& model, const std::vector<typename Model::Observation>& seen) {
     if (at.squares.size() != seen.size() || seen.empty()) return;
-    const std::optional<double> scale = noiseScaleOf(at.squares, model.residuals(), errors);
+    const std::optional<double> scale = noiseScaleOf(at, errors);
     if (!scale) return;
     equations.setNoiseScale(*scale);
     run(model, seen, -1);
@@ -272,7 +276,7 @@ const TwistFit& TwistFitter::fit(const std::vector<CornerObservation>& seen, con
 
 const TwistFit& TwistFitter::fit(const std::vector<PoseObservation>& seen,
                                  const model::Shape& start, const model::Shape& model) {
-  return work_->fit(PoseModel{work_->options()}, seen, start, model);
+  return work_->fit(PoseModel{work_->options(), work_->layout()}, seen, start, model);
 }
 
 const TwistFit& TwistFitter::fitCold(const std::vector<CornerObservation>& seen,
@@ -285,7 +289,7 @@ const TwistFit& TwistFitter::fitCold(const std::vector<CornerObservation>& seen,
 
 const TwistFit& TwistFitter::fitCold(const std::vector<PoseObservation>& seen,
                                      const model::Shape& model) {
-  return work_->fitCold(PoseModel{work_->options()}, seen, model);
+  return work_->fitCold(PoseModel{work_->options(), work_->layout()}, seen, model);
 }
 
 void TwistFitOptions::validate() const {

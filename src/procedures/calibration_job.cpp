@@ -226,6 +226,9 @@ bool isOfArm(FitParameter parameter) {
   return estimation::infoOf(parameter).block.has_value() || isOfRing(parameter);
 }
 
+// Prior of the base about where alignmentOf() places the frame of poses.
+constexpr estimation::BasePrior kPlacedFrame = {0.05, 0.1};
+
 CalibrationOptions optionsOf(const io::Scene& scene, const CalibrationRequest& request,
                              std::set<FitParameter> fitted, const CalibrationData& data) {
   CalibrationOptions options;
@@ -254,7 +257,50 @@ CalibrationOptions optionsOf(const io::Scene& scene, const CalibrationRequest& r
   options.robust_scale = expected.robust_scale;
   options.tag_prior = scene.tag_prior;
   options.border_shift_prior = expected.border_shift_prior;
+  if (scene.hasBodies()) options.base_prior = kPlacedFrame;
   return options;
+}
+
+// The motion X that takes the measured poses of bodies nearest to those of the model: of positions
+// about their mean, in units of the arm's length, and of rotations. With it, how much larger the
+// measured positions spread.
+struct Alignment {
+  lie::SE3 X;
+  double spread;
+};
+Alignment alignmentOf(const io::Scene& scene, const std::vector<estimation::Capture>& captures) {
+  std::vector<std::pair<lie::SE3, lie::SE3>> pairs;  // measured, of the model
+  Eigen::Vector3d seen = Eigen::Vector3d::Zero(), expected = seen;
+  for (const estimation::Capture& capture : captures) {
+    const auto* const poses = std::get_if<PosesOfTags>(&capture.reading);
+    const statics::Solution model = modelUnder(scene, capture.payload).solve(capture.pressure);
+    if (poses == nullptr || !model.converged()) continue;
+    const std::vector<lie::SE3> places = estimation::tagPoses(*scene.tags, model.shape);
+    for (const estimation::PoseObservation& one : *poses) {
+      pairs.emplace_back(one.X_BT, places[static_cast<std::size_t>(one.tag)]);
+      seen += one.X_BT.translation;
+      expected += pairs.back().second.translation;
+    }
+  }
+  if (pairs.empty()) return {lie::SE3(), 1.0};
+  seen /= static_cast<double>(pairs.size());
+  expected /= static_cast<double>(pairs.size());
+  const bool rotations = scene.vision.fit.rotation_noise > 0;
+  const double scale = 1 / (scene.arm.restLength() * scene.arm.restLength());
+  Eigen::Matrix3d moments = Eigen::Matrix3d::Zero();
+  double seen_spread = 0, expected_spread = 0;
+  for (const auto& [measured, modelled] : pairs) {
+    const Eigen::Vector3d a = measured.translation - seen, b = modelled.translation - expected;
+    moments += scale * b * a.transpose();
+    if (rotations) moments += modelled.rotation * measured.rotation.transpose();
+    seen_spread += a.squaredNorm();
+    expected_spread += b.squaredNorm();
+  }
+  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(moments, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  Eigen::Matrix3d signs = Eigen::Matrix3d::Identity();
+  signs(2, 2) = (svd.matrixU() * svd.matrixV().transpose()).determinant();
+  const Eigen::Matrix3d R = svd.matrixU() * signs * svd.matrixV().transpose();
+  return {{R, expected - R * seen}, std::sqrt(seen_spread / expected_spread)};
 }
 
 // Captures of a scene, with the poses of tags seen from the base that another scene knows.
@@ -319,6 +365,9 @@ class CalibrationJob {
     scene_ = io::loadScene(path_, overrides_);
     sha256_ = scene_->sha256;
     captures_ = data_.captures;
+    if (scene_->hasBodies() && fitted_.count(FitParameter::kBase) > 0) {
+      if (const Refusal refusal = placeFrame()) return refusal;
+    }
     if (!fitsCurve() && !fitsResponse() && !data_.lengths.empty()) {
       return "the data holds free lengths, but no contraction is fitted; leave it out, or fit "
              "contraction as well";
@@ -339,6 +388,24 @@ class CalibrationJob {
     const bool of_curve = fitsResponse() && (data_.tips.empty() || !request_.contraction.empty());
     if (ofSeries() ? request_.contraction.empty() : !fitsCurve() && !of_curve) return std::nullopt;
     return chooseCurve(request_.contraction);
+  }
+
+  // The frame of the poses of bodies, from these alone: it may be another one than before.
+  Refusal placeFrame() {
+    const Alignment found = alignmentOf(*scene_, captures_);
+    constexpr double kMillimetres = 1e3, kAbout = 3;
+    if (found.spread > kMillimetres / kAbout && found.spread < kMillimetres * kAbout) {
+      return basics::messageOf("the positions of the bodies spread ", std::round(found.spread),
+                               " times as far as those of the model: they are in millimetres; "
+                               "expected metres");
+    }
+    scene_->X_BF = found.X * scene_->X_BF;
+    for (estimation::Capture& capture : captures_) {
+      auto* const poses = std::get_if<PosesOfTags>(&capture.reading);
+      if (poses == nullptr) continue;
+      for (estimation::PoseObservation& one : *poses) one.X_BT = found.X * one.X_BT;
+    }
+    return std::nullopt;
   }
 
   // The contraction curve that the free lengths belong to.
@@ -735,7 +802,7 @@ class CalibrationJob {
     }
     if (!fit.order_fault.empty()) warn({"positions: " + fit.order_fault});
     if (options.arm.base) {
-      const bool of_tags = scene_->tags && !scene_->motion_capture.X_BF;
+      const bool of_tags = scene_->tags && !scene_->hasBodies() && !scene_->motion_capture.X_BF;
       (of_tags ? changes_.X_BF : changes_.motion_capture.X_BF) = fit.X_BF;
     }
     changes_.motion_capture.R_TM = fit.R_TM;

@@ -123,11 +123,12 @@ LoadedCaptures curvaturesOf(const io::Scene& scene, const io::DataSet& data,
   return loaded;
 }
 
-LoadedCaptures posesOf(const io::Scene& scene, const io::DataSet& data) {
-  TagReadings<estimation::PoseObservation> readings(scene, data.path);
-  for (const io::TagPoseCapture& capture :
-       io::loadTagPoses(data, scene.arm.actuatorCount(), scene.X_BF)) {
-    readings.add(capture.number, capture.pressure, std::nullopt, capture.tags,
+// @param captures  poses seen from the base.
+LoadedCaptures posesOf(const io::Scene& scene, const std::vector<io::TagPoseCapture>& captures,
+                       const std::string& name) {
+  TagReadings<estimation::PoseObservation> readings(scene, name);
+  for (const io::TagPoseCapture& capture : captures) {
+    readings.add(capture.number, capture.pressure, capture.time, capture.tags,
                  [](const io::TagPose& tag) { return std::optional(tag.X_BT); });
   }
   return readings.take();
@@ -319,7 +320,7 @@ LoadedCaptures loadCaptures(const io::Scene& scene, const io::DataSet& data,
   LoadedCaptures loaded =
       kind == DataKind::kCurvatures ? curvaturesOf(scene, data, pressures)
       : kind == DataKind::kTagPoses
-          ? posesOf(scene, data)
+          ? posesOf(scene, io::loadTagPoses(data, actuators, scene.X_BF), data.path)
           : makeCaptures(scene, io::loadTagCorners(data, actuators), data.path, outside);
   const std::map<int, statics::PointLoad> payloads = payloadsOf(scene, data);
   for (estimation::Capture& capture : loaded.captures) {
@@ -356,6 +357,15 @@ LoadedCaptures makeCaptures(const io::Scene& scene, const std::vector<io::TagCor
   }
   faults.throwIfAny();
   return withNearPressures(readings.take(), scene.arm);
+}
+
+LoadedCaptures makeCaptures(const io::Scene& scene, std::vector<io::TagPoseCapture> seen,
+                            const std::string& name) {
+  requirePressures(name, scene.arm);
+  for (io::TagPoseCapture& capture : seen) {
+    for (io::TagPose& one : capture.tags) one.X_BT = scene.X_BF * one.X_BT;
+  }
+  return withNearPressures(posesOf(scene, seen, name), scene.arm);
 }
 
 estimation::ArmCaptures makeArmCaptures(const io::Scene& scene,
@@ -471,9 +481,12 @@ void addDataSet(const io::Scene& scene, const io::DataSet& set, CalibrationData&
   data.sources.push_back({set.path, set.sha256, count});
 }
 
-CalibrationData loadCalibrationData(const io::Scene& scene, const std::vector<std::string>& paths) {
+CalibrationData loadCalibrationData(const io::Scene& scene, const std::vector<std::string>& paths,
+                                    const RecordedPressures& pressures) {
   CalibrationData out;
-  for (const std::string& path : paths) addDataSet(scene, io::loadDataSet(path), out);
+  for (const std::string& path : paths) {
+    addDataSet(scene, measurementsOf(scene, path, pressures, out.warnings), out);
+  }
   return out;
 }
 

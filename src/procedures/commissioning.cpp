@@ -17,6 +17,7 @@
 #include "helix_arm/localization/arm_view.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/procedures/calibration_job.hpp"
+#include "helix_arm/simulation/bodies.hpp"
 #include "helix_arm/simulation/rig.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
 
@@ -320,30 +321,46 @@ CalibrationData walkSimulatedRig(const io::Scene& scene, const io::Scene& rig_sc
                                  const Eigen::MatrixXd& plan, std::uint32_t seed) {
   std::optional<simulation::CameraSetup> camera = rig_scene.cameraSetup();
   basics::require(camera.has_value(), "scene ", rig_scene.name,
-                  " has no camera or no tags, so that its simulated rig is not seen; expected "
-                  "both, or the captures of a walk");
+                  " has neither camera and tags nor bodies, so that its simulated rig is not seen; "
+                  "expected them, or the captures of a walk");
   basics::requireValue(rig_scene.arm.actuatorCount() == plan.cols(), "the rig",
                        "its number of actuators", rig_scene.arm.actuatorCount(), plan.cols());
   regulator::SimulatedRegulatorConfig config = simulatedRegulatorOf(rig_scene);
   camera->config.seed = config.seed = seed;
   simulation::SimulatedRig rig(rig_scene.model, config, rig_scene.simulation.arm, camera);
   vision::TagDetector detector(scene.vision.detector);
+  std::optional<simulation::SimulatedBodies> bodies;
+  camera->bodies.seed = seed;
+  if (rig_scene.hasBodies()) bodies.emplace(camera->view, camera->bodies);
   std::vector<io::TagCornerCapture> seen;
+  std::vector<io::TagPoseCapture> poses;
   for (Eigen::Index step = 0; step < plan.rows(); ++step) {
     rig.command(plan.row(step).transpose());
     rig.step(std::numeric_limits<double>::infinity());
     Eigen::VectorXd sum = Eigen::VectorXd::Zero(plan.cols());
     for (int i = 0; i < kReadings; ++i) sum += rig.measure();
-    seen.push_back({static_cast<int>(step) + 1, scene.arm.clamped(sum / kReadings), {}});
+    const int number = static_cast<int>(step) + 1;
+    const Eigen::VectorXd pressure = scene.arm.clamped(sum / kReadings);
+    if (bodies) {
+      poses.push_back({number, pressure, {}});
+      for (const estimation::BodyPose& one : bodies->see(rig.shape())) {
+        poses.back().tags.push_back({one.body, one.X_CM, 0});
+      }
+      continue;
+    }
+    seen.push_back({number, pressure, {}});
     for (const vision::TagDetection& tag : detector.detect(rig.render())) {
       seen.back().tags.push_back({tag.id, tag.corners});
     }
   }
   const std::string name = "walk of the simulated rig " + rig_scene.name;
   CalibrationData out;
-  out.captures = makeCaptures(scene, seen, name, OutsideLimits::kKept).captures;
-  out.sources.push_back(
-      {name, io::sha256Of(io::tagCornerCsv(seen, plan.cols(), "")), static_cast<int>(seen.size())});
+  out.captures = bodies ? makeCaptures(scene, poses, name).captures
+                        : makeCaptures(scene, seen, name, OutsideLimits::kKept).captures;
+  const auto actuators = static_cast<int>(plan.cols());
+  const std::string table =
+      bodies ? io::tagPoseCsv(poses, actuators, "") : io::tagCornerCsv(seen, actuators, "");
+  out.sources.push_back({name, io::sha256Of(table), static_cast<int>(plan.rows())});
   return out;
 }
 

@@ -107,9 +107,9 @@ FollowFigures pathFigures(const std::vector<FollowRow>& rows, const control::Tip
   return out;
 }
 
-constexpr double kPicturePeriod = 1.0 / 30;  // [s]
-constexpr double kRounding = 1e-9;           // of times [s]
-constexpr int kMostReadings = 100;           // until the arm may be enabled
+constexpr double kPictureRate = 30;  // [Hz]
+constexpr double kRounding = 1e-9;   // of times [s]
+constexpr int kMostReadings = 100;   // until the arm may be enabled
 
 // A rig, its safety core and a visual servo in one thread and in a fixed order, with a simulated
 // time: the same seeds give the same figures on any machine under any load.
@@ -125,11 +125,12 @@ class Lockstep {
     SuspectWatch suspects;
   };
 
+  // @param rate     of the pictures [Hz].
   // @param latency  from a picture to its measurement [s].
   // @param blind    pictures within this time are lost [s].
   // @throws std::runtime_error if the safety core refuses to be enabled.
-  Lockstep(Parts parts, double latency, const std::optional<model::Range>& blind)
-      : parts_(std::move(parts)), latency_(latency), blind_(blind) {
+  Lockstep(Parts parts, double rate, double latency, const std::optional<model::Range>& blind)
+      : parts_(std::move(parts)), rate_(rate), latency_(latency), blind_(blind) {
     basics::requireNotNegative("lockstep", "the latency [s]", latency);
     std::string refusal = "the regulator was not read";
     // With noise, single readings may look like pressure.
@@ -159,7 +160,7 @@ class Lockstep {
     const follow::Turn& turn = parts_.loop.reading(now, set_point, reading_);
     if (turn.commands) parts_.core.target(now, turn.pressure);
     parts_.core.advance(now);
-    if (now + kRounding >= static_cast<double>(pictures_ + 1) * kPicturePeriod) {
+    if (now + kRounding >= static_cast<double>(pictures_ + 1) / rate_) {
       ++pictures_;
       takePicture();
     }
@@ -228,7 +229,7 @@ class Lockstep {
   }
 
   Parts parts_;
-  const double latency_;
+  const double rate_, latency_;
   const std::optional<model::Range> blind_;
   std::int64_t steps_ = 0, pictures_ = 0;
   std::deque<Waiting> waiting_;
@@ -252,8 +253,8 @@ regulator::SimulatedRegulatorConfig simulatedConfigOf(const io::Scene& scene, st
 }
 
 void requireVision(const io::Scene& scene) {
-  basics::require(scene.camera && scene.tags, "scene ", scene.name,
-                  " has no `camera` or no `tags`; the closed loop needs both");
+  basics::require(scene.isSeen(), "scene ", scene.name,
+                  " has neither `camera` and `tags` nor `bodies`; the closed loop needs them");
 }
 
 // The rig has the arm of the scene, its tags in their order.
@@ -274,6 +275,7 @@ Lockstep lockstepOf(const io::Scene& scene, const io::Scene& rig, const FollowPl
   return {{scene.model, std::move(seen.rig), std::move(seen.vision),
            control::SafetyCore(scene.safety.channels, scene.safety.rules),
            follow::VisualServo(scene.model, loopConfigOf(scene)), SuspectWatch(scene)},
+          rig.hasBodies() ? std::min(rig.simulation.bodies.rate, 1 / kTurn) : kPictureRate,
           plan.latency,
           plan.blind};
 }

@@ -85,7 +85,8 @@ constexpr estimation::BasePrior kSteady = {0.0002, 0.0003};
 // Error of the camera's pose seen from the base that a calibration found.
 std::optional<lie::Vector6> baseErrorOf(const io::Scene& scene) {
   // For tag poses, `base` is the place of the instrument that measured them.
-  if (!scene.calibration || scene.calibration->error_unit != "px") return std::nullopt;
+  const char* const unit = scene.hasBodies() ? "m" : "px";
+  if (!scene.calibration || scene.calibration->error_unit != unit) return std::nullopt;
   const auto known = scene.calibration->errorOf(estimation::FitParameter::kBase, "");
   return known ? std::optional<lie::Vector6>(known->deviations) : std::nullopt;
 }
@@ -151,7 +152,7 @@ std::string loopWarning(const follow::VisualServoConfig& config) {
 }
 
 std::optional<estimation::PlacedView> placedViewOf(const io::Scene& scene) {
-  if (!scene.camera || !scene.tags) return std::nullopt;
+  if (!scene.isSeen()) return std::nullopt;
   estimation::PlacedView out = nominalViewOf(scene);
   if (out.fit.free_base) {
     const auto errors =
@@ -182,7 +183,8 @@ std::string uncalibratedText(const std::vector<int>& ids) {
 vision::LocalizerConfig localizerConfigOf(const io::Scene& scene) {
   vision::LocalizerConfig out = scene.vision;
   out.fit = fitOf(scene);
-  if (scene.camera && scene.tags) {
+  out.frame_known = !scene.hasBodies() || scene.motion_capture.X_BF;
+  if (scene.isSeen()) {
     out.rig_by_placements = rigByPlacementsOf(scene, nominalViewOf(scene));
   }
   return out;

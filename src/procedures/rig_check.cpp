@@ -320,6 +320,26 @@ void checkTags(const io::Scene& scene, std::vector<Finding>& findings) {
   checkOverlaps(scene, findings);
 }
 
+void checkBodies(const io::Scene& scene, std::vector<Finding>& findings) {
+  if (!scene.motion_capture.X_BF) {
+    findings.push_back({Severity::kWarning, "frame_unknown", "motion_capture.frame",
+                        "the frame of the poses is not known, so that nothing is measured",
+                        "calibrate with --fit base, or give it"});
+  }
+  const model::Shape rest = model::shapeOf(scene.arm, scene.arm.unloaded(scene.arm.inputAt(0)));
+  const std::vector<lie::SE3> places = estimation::tagPoses(*scene.tags, rest);
+  std::vector<estimation::PoseObservation> seen;
+  for (int i = 0; i < static_cast<int>(places.size()); ++i) {
+    seen.push_back({i, places[static_cast<std::size_t>(i)]});
+  }
+  estimation::TwistFitter fitter(*scene.tags, scene.arm.sectionCount(), scene.vision.fit);
+  if (fitter.fit(seen, rest).status != estimation::FitStatus::kUnderdetermined) return;
+  findings.push_back({Severity::kFault, "few_bodies", "bodies",
+                      std::to_string(seen.size()) + " do not determine the shape of " +
+                          std::to_string(scene.arm.sectionCount()) + " sections",
+                      "place one with rotations at the end of each section"});
+}
+
 constexpr int kCorners = 50;
 // Parts of the samples, and of the arm's length.
 constexpr double kMostBlind = 0.2;
@@ -560,8 +580,12 @@ std::vector<Finding> checkSupply(const io::Scene& scene, double supply) {
 
 RigCheck checkRig(const io::Scene& scene, int samples) {
   RigCheck check;
-  checkTags(scene, check.findings);
-  checkCamera(scene, check.findings);
+  if (scene.hasBodies()) {
+    checkBodies(scene, check.findings);
+  } else {
+    checkTags(scene, check.findings);
+    checkCamera(scene, check.findings);
+  }
   check.vision = checkVision(scene, samples, check.findings);
   checkCurves(scene, check.findings);
   checkLoad(scene, check.findings);

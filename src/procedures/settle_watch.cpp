@@ -1,5 +1,6 @@
 #include "helix_arm/procedures/settle_watch.hpp"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <map>
@@ -12,6 +13,33 @@
 #include "helix_arm/model/arm_response.hpp"
 
 namespace helix_arm::procedures {
+
+TagObservation TagObservation::ofBody(int id, const lie::SE3& X_FM) {
+  TagObservation out{id, Eigen::Matrix<double, 2, 4>::Zero()};
+  out.points.emplace();
+  *out.points << X_FM.translation, (kAxis * X_FM.rotation).colwise() + X_FM.translation;
+  return out;
+}
+
+lie::SE3 TagObservation::X_FM() const {
+  const Eigen::Vector3d origin = points->col(0);
+  const Eigen::Matrix3d axes = (points->rightCols<3>().colwise() - origin) / kAxis;
+  return {Eigen::Quaterniond(axes).normalized().toRotationMatrix(), origin};
+}
+
+namespace {
+
+// All coordinates of a tag or body.
+Eigen::Map<const Eigen::ArrayXd> coordinatesOf(const TagObservation& one) {
+  if (one.points) return {one.points->data(), one.points->size()};
+  return {one.corners.data(), one.corners.size()};
+}
+Eigen::Map<Eigen::ArrayXd> coordinatesOf(TagObservation& one) {
+  if (one.points) return {one.points->data(), one.points->size()};
+  return {one.corners.data(), one.corners.size()};
+}
+
+}  // namespace
 
 Sample medianOf(const std::vector<Sample>& samples) {
   basics::require(!samples.empty(), "a median of no samples; expected at least one");
@@ -35,10 +63,10 @@ Sample medianOf(const std::vector<Sample>& samples) {
   }
   for (const auto& [id, seen] : observations) {
     if (2 * seen.size() < samples.size()) continue;
-    TagObservation& tag = out.tags.emplace_back();
-    tag.id = id;
-    for (Eigen::Index k = 0; k < tag.corners.size(); ++k) {
-      tag.corners(k) = median(seen, [k](const TagObservation* s) { return s->corners(k); });
+    TagObservation& tag = out.tags.emplace_back(*seen.front());
+    auto coordinates = coordinatesOf(tag);
+    for (Eigen::Index k = 0; k < coordinates.size(); ++k) {
+      coordinates[k] = median(seen, [k](const TagObservation* s) { return coordinatesOf(*s)[k]; });
     }
   }
   return out;
@@ -54,7 +82,7 @@ constexpr std::size_t kMostReadings = 1 << 17;
 constexpr std::size_t kMostObservations = 1 << 13;
 
 // Motion of the tags between two pictures: the distance that kStillShare of the common tags stay
-// below [px]; absent without common tags.
+// below [px, of bodies m]; absent without common tags.
 std::optional<double> distanceBetween(const std::vector<TagObservation>& a,
                                       const std::vector<TagObservation>& b) {
   std::vector<double> moved;
@@ -64,7 +92,8 @@ std::optional<double> distanceBetween(const std::vector<TagObservation>& a,
     } else if (j->id < i->id) {
       ++j;
     } else {
-      moved.push_back(std::sqrt((i++->corners - j++->corners).squaredNorm() / 4));
+      const auto change = coordinatesOf(*i++) - coordinatesOf(*j++);
+      moved.push_back(std::sqrt(change.square().sum() / 4));
     }
   }
   if (moved.empty()) return std::nullopt;
@@ -95,6 +124,7 @@ std::string staleness(std::optional<double> last, double now, double max_age, co
 void SettleRules::validate() const {
   basics::requirePositive("the settle rules", {{"pressure_tolerance", pressure_tolerance},
                                                {"corner_tolerance", corner_tolerance},
+                                               {"body_tolerance", body_tolerance},
                                                {"window", window},
                                                {"max_age", max_age}});
 }
@@ -161,7 +191,8 @@ std::string SettleWatch::pressureStaleness(double now) const {
 
 std::string SettleWatch::pictureStaleness(double now) const {
   return staleness(observations_.empty() ? std::nullopt : std::optional(observations_.back().time),
-                   now, rules_.max_age, "tag detections", "are camera and vision running?");
+                   now, rules_.max_age, "tag detections",
+                   "are camera (or motion capture) and vision running?");
 }
 
 std::string SettleWatch::pressureFault(Eigen::VectorXd& mean) const {
@@ -210,10 +241,14 @@ std::string SettleWatch::motion(double begin) const {
   for (std::size_t k = 0; k + 1 < observations_.size(); ++k) {
     const auto moved = distanceBetween(observations_[k].tags, observations_.back().tags);
     if (!moved) return "the set of visible tags changed";
-    if (*moved <= rules_.corner_tolerance) continue;
-    return basics::format("the tags moved by %.2f px within %.2f s; expected at most %g px", *moved,
-                          observations_.back().time - observations_[k].time,
-                          rules_.corner_tolerance);
+    const bool bodies = observations_.back().tags.front().points.has_value();
+    const double most = bodies ? rules_.body_tolerance : rules_.corner_tolerance;
+    if (*moved <= most) continue;
+    const double unit = bodies ? 1e3 : 1;
+    return basics::format("the %s moved by %.2f %s within %.2f s; expected at most %g %s",
+                          bodies ? "bodies" : "tags", unit * *moved, bodies ? "mm" : "px",
+                          observations_.back().time - observations_[k].time, unit * most,
+                          bodies ? "mm" : "px");
   }
   return "";
 }

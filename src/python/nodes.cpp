@@ -57,8 +57,9 @@ Eigen::MatrixXd tipPathOf(const std::string& path) {
 void bindNodes(py::module_& module, py::class_<Scene>& scene) {
   scene.def("_series", &seriesOf)
       .def("_tour", [](const Scene& self) { return procedures::pressureTour(self.arm()); })
-      .def_property_readonly(
-          "_has_vision", [](const Scene& self) { return self.scene().camera && self.scene().tags; })
+      .def_property_readonly("_has_vision", [](const Scene& self) { return self.scene().isSeen(); })
+      .def_property_readonly("_has_bodies",
+                             [](const Scene& self) { return self.scene().hasBodies(); })
       .def_property_readonly("_is_pneumatic", &Scene::isPneumatic)
       .def("_require_same_rig", [](const Scene& self, const Scene& next) {
         io::requireSameRig(self.scene(), next.scene());

@@ -51,6 +51,21 @@ void seePicture(SettleWatch& watch, const Scene& scene, double time, const std::
   watch.seen(time, ros_bridge::observationsOf(detections, scene.scene()));
 }
 
+// @param bodies  names, and position and quaternion x, y, z, w of each [m].
+void seeBodies(SettleWatch& watch, const Scene& scene, double time,
+               const std::vector<std::pair<std::string, std::array<double, 7>>>& bodies) {
+  std::vector<ros_bridge::SeenTag> detections;
+  for (const auto& [name, pose] : bodies) {
+    for (const estimation::TagPlacement& placed : scene.scene().tags->tags) {
+      if (placed.name != name) continue;
+      const Eigen::Quaterniond q(pose[6], pose[3], pose[4], pose[5]);
+      const lie::SE3 X{q.normalized().toRotationMatrix(), {pose[0], pose[1], pose[2]}};
+      detections.push_back({procedures::TagObservation::ofBody(placed.id, X), false});
+    }
+  }
+  watch.seen(time, ros_bridge::observationsOf(detections, scene.scene()));
+}
+
 // A tip that is not finite or too far away does not count.
 void seeTip(SeriesRecord& series, double time, const Eigen::Vector3d& tip) {
   const auto checked = control::checkPosition(tip);
@@ -63,14 +78,11 @@ CalibrationData measuredOf(const Scene& self, const std::vector<Sample>& samples
                            const SeriesRecord* record) {
   const OthersRun others_run;
   const io::Scene& scene = self.scene();
-  const std::vector<io::TagCornerCapture> seen = ros_bridge::numbered(samples, scene.arm);
+  const ros_bridge::SampleTable seen(samples, scene);
   CalibrationData out;
-  out.captures =
-      procedures::makeCaptures(scene, seen, "recorded samples", procedures::OutsideLimits::kKept)
-          .captures;
-  out.sources.push_back({"recorded samples",
-                         io::sha256Of(io::tagCornerCsv(seen, scene.arm.actuatorCount(), "")),
-                         static_cast<int>(seen.size())});
+  out.captures = seen.captures(scene, "recorded samples").captures;
+  out.sources.push_back(
+      {"recorded samples", io::sha256Of(seen.csv(scene.arm.actuatorCount(), "")), seen.size()});
   if (record == nullptr) return out;
   out.tips = record->series();
   if (out.tips.empty()) return out;
@@ -138,6 +150,7 @@ void bindWatch(py::module_& module) {
       .def(py::init<>())
       .def_readwrite("pressure_tolerance", &SettleRules::pressure_tolerance)
       .def_readwrite("corner_tolerance", &SettleRules::corner_tolerance)
+      .def_readwrite("body_tolerance", &SettleRules::body_tolerance)
       .def_readwrite("window", &SettleRules::window)
       .def_readwrite("max_age", &SettleRules::max_age);
   py::class_<SettleWatch>(module, "SettleWatch")
@@ -146,6 +159,7 @@ void bindWatch(py::module_& module) {
       .def("command", &SettleWatch::command)
       .def("measured", &SettleWatch::measured)
       .def("seen", &seePicture)
+      .def("seen_bodies", &seeBodies)
       .def("at", &SettleWatch::at)
       .def("samples", &SettleWatch::samples);
   py::class_<SeriesRecord>(module, "SeriesRecord")
@@ -176,8 +190,8 @@ void bindRecordings(py::module_& module, py::class_<Scene>& scene) {
            })
       .def("_sample_table",
            [](const Scene& self, const std::vector<Sample>& samples, const std::string& comment) {
-             return io::tagCornerCsv(ros_bridge::numbered(samples, self.arm()),
-                                     self.arm().actuatorCount(), comment);
+             return ros_bridge::SampleTable(samples, self.scene())
+                 .csv(self.arm().actuatorCount(), comment);
            })
       .def("_reading",
            [](const Scene& self, const std::vector<std::string>& names,

@@ -21,6 +21,7 @@ inline constexpr char kMeasured[] = "measured";
 inline constexpr char kTruth[] = "truth";         ///< of a simulated arm
 inline constexpr char kTipForce[] = "tip_force";  ///< of a simulated arm, below its node's name
 inline constexpr char kTagDetections[] = "tag_detections";
+inline constexpr char kBodyPoses[] = "body_poses";
 inline constexpr char kModelError[] = "model_error";
 inline constexpr char kVisionStatus[] = "vision_status";
 inline constexpr char kOverlay[] = "overlay";
@@ -72,6 +73,7 @@ inline constexpr char kModelFrames[] = "model_";
 inline constexpr char kMeasuredFrames[] = "measured_";
 inline constexpr char kTipFrame[] = "tip";
 inline constexpr char kCameraFrame[] = "camera_optical";
+inline constexpr char kPoseFrame[] = "mocap";  ///< of simulated bodies
 
 // Diagnostics: `<node>: <status>`, and the keys that others read.
 inline constexpr char kLoopStatus[] = "loop";

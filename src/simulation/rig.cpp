@@ -282,7 +282,7 @@ SimulatedRig::SimulatedRig(const statics::ArmModel& model,
                            const ArmDeviation& deviation, const std::optional<CameraSetup>& camera)
     : arm_(model, deviation), regulator_(model.arm().actuatorCount(), regulator_config) {
   step(0.0);  // vented
-  if (!camera) return;
+  if (!camera || camera->view.layout.hasBodies()) return;
   basics::requireValue(camera->view.sections == model.arm().sectionCount(), "simulated rig",
                        "the number of sections in the camera's view", camera->view.sections,
                        "as many as the arm has");

@@ -9,6 +9,7 @@
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/localization/rig_memory.hpp"
 #include "helix_arm/model/curve.hpp"
+#include "helix_arm/simulation/bodies.hpp"
 #include "helix_arm/vision/frame_source.hpp"
 #include "helix_arm/vision/jpeg.hpp"
 
@@ -34,7 +35,12 @@ struct SimulatedVision::Workspace {
                                {{"the noise of corners [px]", config.corner_noise},
                                 {"the least side of a tag [px]", config.least_side}});
     generator.seed(config.seed);
-    if (config.kind == VisionKind::kCorners) {
+    if (truth.layout.hasBodies()) {
+      SimulatedBodiesConfig seeded = camera.bodies;
+      seeded.seed = config.seed;
+      bodies.emplace(truth, seeded);
+      localizer.emplace(nominal, localizer_config);
+    } else if (config.kind == VisionKind::kCorners) {
       fitter.emplace(nominal.layout, nominal.sections, localizer_config.fit);
       if (const auto& by_placements = localizer_config.rig_by_placements) {
         memory.emplace(localizer_config.fit, *by_placements);
@@ -100,6 +106,16 @@ struct SimulatedVision::Workspace {
     return measured(vision.fit);
   }
 
+  std::optional<MeasuredShape> locateBodies(const model::Shape& shape, const model::Shape& model) {
+    if (!frozen || poses.empty()) poses = bodies->see(shape);
+    const vision::Observation& vision = localizer->locate(poses, model);
+    moved = vision.moved;
+    why_unseen = basics::format("%zu bodies are seen (%s) %s", poses.size(), nameOf(vision.state),
+                                vision.fault.c_str());
+    if (vision.state != vision::ObservationState::kMeasured) return std::nullopt;
+    return measured(vision.fit);
+  }
+
   bool photograph(const model::Shape& shape) {
     cv::Mat picture = simulated->render(shape);
     if (!shift.isZero(0)) {
@@ -133,7 +149,9 @@ struct SimulatedVision::Workspace {
   vision::JpegDecoder decoder;
   std::optional<vision::ArmLocalizer> localizer;
   vision::FrozenWatch frozen_watch;
-  cv::Mat gray;  // the last picture
+  std::optional<SimulatedBodies> bodies;
+  std::vector<estimation::BodyPose> poses;  // the last ones
+  cv::Mat gray;                             // the last picture
 };
 
 SimulatedVision::SimulatedVision(const CameraSetup& camera, const estimation::ArmView& nominal,
@@ -151,6 +169,7 @@ void SimulatedVision::freeze(bool frozen) { work_->frozen = frozen; }
 
 std::optional<MeasuredShape> SimulatedVision::look(const model::Shape& truth,
                                                    const model::Shape& model) {
+  if (work_->bodies) return work_->locateBodies(truth, model);
   return work_->config.kind == VisionKind::kCorners ? work_->fitCorners(truth, model)
                                                     : work_->searchPicture(truth, model);
 }

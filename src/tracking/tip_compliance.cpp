@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <optional>
+#include <type_traits>
 
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/model/curve.hpp"
@@ -77,10 +78,11 @@ class LinearFit {
 
  private:
   std::optional<Eigen::MatrixXd> evaluate(const model::Shape& shape) {
-    seen_.clear();
-    for (const int tag : tags_) seen_.push_back(observe(view_, shape, tag));
-    const CornerModel corners{view_.X_CB, view_.camera.focal() / options_.corner_noise, options_};
-    equations_->evaluate(corners, seen_, -1, point_, system_);
+    withInstrument(view_, options_, [&](const auto& instrument, const auto& observe) {
+      std::vector<typename std::decay_t<decltype(instrument)>::Observation> seen;
+      for (const int tag : tags_) seen.push_back(observe(shape, tag));
+      equations_->evaluate(instrument, seen, -1, point_, system_);
+    });
     if (!std::isfinite(point_.cost)) return std::nullopt;
     return system_.hessian;
   }
@@ -89,7 +91,6 @@ class LinearFit {
   TwistFitOptions options_;
   std::optional<TwistEquations> equations_;
   std::vector<int> tags_;
-  std::vector<CornerObservation> seen_;
   FitPoint point_;
   NormalEquations system_;
   Eigen::LLT<Eigen::MatrixXd> factors_;

@@ -20,7 +20,7 @@ bool contains(const std::vector<int>& ids, int id) {
 struct ArmLocalizer::Workspace {
   estimation::ArmView view;
   LocalizerConfig config;
-  TagTracker tracker;
+  std::optional<TagTracker> tracker;  // absent with bodies
   estimation::TwistFitter fitter;
   std::optional<estimation::RigMemory> memory;
   std::optional<estimation::BaseWatch> base;
@@ -36,23 +36,33 @@ struct ArmLocalizer::Workspace {
   std::vector<estimation::TagImage> observations;
   std::vector<ExpectedTag> expected;
   std::vector<estimation::CornerObservation> seen;
+  std::optional<estimation::BodyCheck> bodies;
+  std::vector<estimation::PoseObservation> poses;
 
   Workspace(const estimation::ArmView& arm_view, const LocalizerConfig& localizer_config)
       : view(arm_view),
         config(localizer_config),
-        tracker(config.detector, config.tracking),
         fitter(view.layout, view.sections, config.fit),
         expected_view(view) {
+    if (view.layout.hasBodies()) {
+      bodies.emplace(view);
+    } else {
+      tracker.emplace(config.detector, config.tracking);
+    }
     if (!config.rig_by_placements) return;
     memory.emplace(config.fit, *config.rig_by_placements);
     base.emplace(view.layout, view.sections, config.fit, *config.rig_by_placements);
   }
 
-  // Image positions of the tags of the last shape, moved as the model moved.
+  // The last shape, moved as the model moved.
+  model::Shape expectedShape(const model::Shape& model) const {
+    return warm ? model.about(last_twists + (model.twists() - last_model)) : model;
+  }
+
+  // Image positions of the tags of that shape.
   model::Shape expectTags(const model::Shape& model) {
     expected.clear();
-    const model::Shape shape =
-        warm ? model.about(last_twists + (model.twists() - last_model)) : model;
+    const model::Shape shape = expectedShape(model);
     if (!warm) return shape;
     expected_view.X_CB = view.X_CB * last_X_B0B;
     estimation::visibleTags(expected_view, shape, kLeastCosine, observations);
@@ -93,16 +103,33 @@ struct ArmLocalizer::Workspace {
     if (found.whole_picture) copied_ids = observation.repeated_ids;
   }
 
+  using Corners = std::vector<estimation::CornerObservation>;
+  using Poses = std::vector<estimation::PoseObservation>;
+  const estimation::TwistFit& fitFrom(const model::Shape& start, const model::Shape& model,
+                                      const Corners& of) {
+    return fitter.fit(of, view.X_CB, view.camera.focal(), start, model);
+  }
+  const estimation::TwistFit& fitFrom(const model::Shape& start, const model::Shape& model,
+                                      const Poses& of) {
+    return fitter.fit(of, start, model);
+  }
+  const estimation::TwistFit& fitCold(const model::Shape& model, const Corners& of) {
+    return fitter.fitCold(of, view.X_CB, view.camera.focal(), model);
+  }
+  const estimation::TwistFit& fitCold(const model::Shape& model, const Poses& of) {
+    return fitter.fitCold(of, model);
+  }
+
   // Fits from the last shape and, if that does not explain the tags, from other starts.
-  void fit(const model::Shape& start, const model::Shape& model) {
+  template <class Seen>
+  void fit(const model::Shape& start, const model::Shape& model, const Seen& seen) {
     observation.fit.status = estimation::FitStatus::kUnderdetermined;
     observation.state = seen.empty() ? ObservationState::kNoTags : ObservationState::kTooFewTags;
     if (static_cast<int>(seen.size()) < config.min_tags) return;
-    const double focal = view.camera.focal();
     if (memory) fitter.know(memory->estimate());
-    const estimation::TwistFit* fit = &fitter.fit(seen, view.X_CB, focal, start, model);
+    const estimation::TwistFit* fit = &fitFrom(start, model, seen);
     if (fit->status != estimation::FitStatus::kConverged || unexpectedOutliers(*fit)) {
-      fit = &fitter.fitCold(seen, view.X_CB, focal, model);
+      fit = &fitCold(model, seen);
     }
     observation.fit = *fit;
     if (fit->status == estimation::FitStatus::kUnderdetermined) return;  // too few tags
@@ -118,9 +145,9 @@ struct ArmLocalizer::Workspace {
     });
   }
 
-  void remember(const model::Shape& model) {
+  void remember(const model::Shape& model, bool enough) {
     warm = observation.state == ObservationState::kMeasured;
-    if (memory && static_cast<int>(seen.size()) >= config.min_tags) memory->learn(observation.fit);
+    if (memory && enough) memory->learn(observation.fit);
     last_ids.clear();
     last_outliers.clear();
     if (!warm) return;
@@ -139,19 +166,64 @@ struct ArmLocalizer::Workspace {
                     gray.cols, " x ", gray.rows, " pixels; expected the camera's ", camera.width,
                     " x ", camera.height);
     const model::Shape start = expectTags(model);
-    take(tracker.track(gray, expected));
-    fit(start, model);
+    take(tracker->track(gray, expected));
+    fit(start, model, seen);
     const bool doubtful =
         observation.state != ObservationState::kMeasured || unexpectedOutliers(observation.fit);
     if (doubtful && !observation.whole_picture) {
-      take(tracker.search(gray));
-      fit(start, model);
+      take(tracker->search(gray));
+      fit(start, model, seen);
     }
-    if (base && static_cast<int>(seen.size()) >= config.min_tags) {
+    const bool enough = static_cast<int>(seen.size()) >= config.min_tags;
+    if (base && enough) {
       base->see(seen, view.X_CB, camera.focal(), start, model);
       observation.moved = base->move();
     }
-    remember(model);
+    remember(model, enough);
+    return observation;
+  }
+
+  void take(const std::vector<estimation::BodyPose>& all, std::vector<estimation::BodyPose> sound) {
+    observation.detections.clear();
+    observation.unusable_ids.clear();
+    observation.poses = all;
+    poses.clear();
+    const lie::SE3 X_BC = view.X_CB.inverse();
+    for (const estimation::BodyPose& one : sound) poses.push_back({one.body, X_BC * one.X_CM});
+    for (const estimation::BodyPose& one : all) {
+      observation.detections.push_back({});
+      observation.detections.back().id = one.body;
+      const bool used = std::any_of(sound.begin(), sound.end(),
+                                    [&one](const auto& other) { return other.body == one.body; });
+      if (!used) observation.unusable_ids.push_back(one.body);
+    }
+  }
+
+  const Observation& locate(std::vector<estimation::BodyPose> all, const model::Shape& model) {
+    std::sort(all.begin(), all.end(), [](const auto& a, const auto& b) { return a.body < b.body; });
+    if (!config.frame_known) {
+      take(all, {});
+      observation.state = ObservationState::kNoFit;
+      observation.fault =
+          "the frame of the poses is not known: record captures and calibrate with --fit base, or "
+          "give motion_capture.frame";
+      return observation;
+    }
+    const model::Shape start = expectedShape(model);
+    estimation::BodyCheck::Verdict verdict = bodies->check(all, start, model, warm);
+    observation.fault = std::move(verdict.fault);
+    take(all, verdict.sound);
+    if (verdict.all) {  // what is known of the arm stays
+      observation.state = ObservationState::kNoFit;
+      return observation;
+    }
+    fit(start, model, poses);
+    const bool enough = static_cast<int>(poses.size()) >= config.min_tags;
+    if (base && enough) {
+      base->see(poses, start, model);
+      observation.moved = base->move();
+    }
+    remember(model, enough);
     return observation;
   }
 };
@@ -159,6 +231,8 @@ struct ArmLocalizer::Workspace {
 ArmLocalizer::ArmLocalizer(const estimation::ArmView& view, const LocalizerConfig& config) {
   view.validate();
   config.validate();
+  basics::require(view.layout.hasBodies() || config.min_tags >= 2, "the least number of tags is ",
+                  config.min_tags, "; expected at least 2: the pose of a single tag is ambiguous");
   work_ = std::make_unique<Workspace>(view, config);
 }
 ArmLocalizer::~ArmLocalizer() = default;
@@ -169,7 +243,14 @@ const Observation& ArmLocalizer::locate(const cv::Mat& gray, const model::Shape&
   return work_->locate(gray, model);
 }
 
+const Observation& ArmLocalizer::locate(const std::vector<estimation::BodyPose>& seen,
+                                        const model::Shape& model) {
+  basics::require(work_->bodies.has_value(), "poses of bodies for a camera; expected a picture");
+  return work_->locate(seen, model);
+}
+
 void ArmLocalizer::reset() {
+  if (work_->bodies) work_->bodies->reset();
   work_->warm = false;
   work_->last_ids.clear();
   work_->last_outliers.clear();
@@ -187,8 +268,7 @@ const estimation::ArmView& ArmLocalizer::view() const { return work_->view; }
 void LocalizerConfig::validate() const {
   detector.validate();
   fit.validate();
-  basics::require(min_tags >= 2, "the least number of tags is ", min_tags,
-                  "; expected at least 2: the pose of a single tag is ambiguous");
+  basics::require(min_tags >= 1, "the least number of tags is ", min_tags, "; expected at least 1");
 }
 
 const char* nameOf(ObservationState state) {

@@ -14,6 +14,8 @@
 #include <opencv2/imgproc.hpp>
 
 #include "helix_arm/localization/twist_fit.hpp"
+#include "helix_arm/procedures/loop_config.hpp"
+#include "helix_arm/simulation/bodies.hpp"
 #include "helix_arm/vision/arm_localizer.hpp"
 #include "helix_arm/vision/jpeg.hpp"
 #include "support/picture_series.hpp"
@@ -294,6 +296,28 @@ void fitOfPeer(::benchmark::State& state) {
   gsl_multimin_fminimizer_free(simplex);
 }
 
+// Poses of the bodies of the shipped scene to a shape, with the search for mistakes in them.
+void locateBodies(::benchmark::State& state) {
+  const io::Scene scene = io::loadScene(HELIX_ARM_SOURCE_DIR "/config/scenes/mocap.yaml");
+  vision::ArmLocalizer localizer(scene.view(), procedures::localizerConfigOf(scene));
+  simulation::SimulatedBodies bodies(scene.view(), {});
+  std::vector<model::Shape> shapes;
+  std::vector<std::vector<estimation::BodyPose>> poses;
+  for (int i = 0; i < kScenes; ++i) {
+    const double time = 2 * M_PI * i / kScenes;
+    const Eigen::Vector3d share(0.4 + 0.2 * std::sin(time), 0.4 + 0.2 * std::cos(time), 0.3);
+    shapes.push_back(scene.model.solve(scene.arm.inputAt(share)).shape);
+    poses.push_back(bodies.see(shapes.back()));
+  }
+  std::size_t i = 0;
+  for (auto _ : state) {
+    const std::size_t k = i++ % kScenes;
+    const auto& seen = localizer.locate(poses[k], shapes[k]);
+    if (seen.state != vision::ObservationState::kMeasured) state.SkipWithError("not measured");
+  }
+}
+
+BENCHMARK(locateBodies)->Unit(::benchmark::kMicrosecond);
 BENCHMARK(fit)->Unit(::benchmark::kMicrosecond);
 BENCHMARK(fitOfPeer)->Unit(::benchmark::kMicrosecond);
 

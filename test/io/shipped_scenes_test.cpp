@@ -119,8 +119,8 @@ TEST(ShippedScenes, AllLoadAndCanBeLaunchedAndTheSafetyCoreAcceptsThem) {
   }
   EXPECT_EQ(found,
             (std::set<std::string>{"annotated", "demo", "demo_modbus", "demo_serial", "helical_50",
-                                   "loaded", "planar_101", "planar_50", "planar_76", "spatial_101",
-                                   "spatial_50", "tapered_50_25"}));
+                                   "loaded", "mocap", "planar_101", "planar_50", "planar_76",
+                                   "spatial_101", "spatial_50", "tapered_50_25"}));
 }
 
 // The kinds of regulator that annotated.yaml has as comments: those of `#key: value`, indented.

@@ -20,19 +20,21 @@ LONGEST_STEP = 0.1  # of procedures::CalibrationRun [s]
 
 class CalibrationRig(CommanderCase):
     RIG = {}  # what of `simulation` is not as in the demo
+    SCENE, SIGHT = "demo", "image"
+    KNOWN = {}  # what the nodes' scene has otherwise than the rig's
     PERIOD = 0.07  # 0.2 s of the rig
 
     def setUp(self):
         super().setUp()
         self.safety, self.targets, detections = (self.inbox(topic, kind) for topic, kind in (
             ("safety_state", SafetyState), ("pressure_target", PressureArray), ("tag_detections", TagDetections)))
-        demo = SOURCE + "/config/scenes/demo.yaml"
+        demo = SOURCE + "/config/scenes/%s.yaml" % self.SCENE
         folders = ["_%s_folder:=%s" % (kind, tempfile.gettempdir()) for kind in ("scene", "data", "out")]
         true = self.scene_with(demo, {"simulation." + key: value for key, value in self.RIG.items()})
-        scene = "_scene:=" + self.scene_with(demo, {"safety.target_timeout_s": 3, "safety.reading_timeout_s": 1})
+        scene = "_scene:=" + self.scene_with(demo, {"safety.target_timeout_s": 3, "safety.reading_timeout_s": 1, **self.KNOWN})
         self.rig = self.run_node("simulated_rig", "_scene:=" + true, "_time_factor:=3", "_camera_rate:=8", "_command_timeout_s:=5")
         self.commander = self.run_node("pressure_command", scene, folders[0], "_regulator:=topic", "_auto_enable:=true", "_rate:=50")
-        self.run_node("vision", scene, folders[0], "_source:=image", "_stale_after_s:=30")
+        self.run_node("vision", scene, folders[0], "_source:=" + self.SIGHT, "_stale_after_s:=30")
         self.calibration = self.run_node("calibration", scene, *folders, "_max_age_s:=20", "_pressure_tolerance_kpa:=6",
                                          "_ramp_kpa_s:=200")
         self.assert_wait(lambda: not rospy.Time.now().is_zero() and self.safety and self.command and self.measured and detections)

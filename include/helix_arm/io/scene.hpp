@@ -40,6 +40,7 @@ struct SimulationConfig {
   simulation::ArmDeviation arm;
   simulation::MountDeviation mounts;
   simulation::SimulatedCameraConfig camera;
+  simulation::SimulatedBodiesConfig bodies;
 };
 
 /// The rules of the pressure path.
@@ -49,10 +50,10 @@ struct SafetyConfig {
   std::vector<control::ChannelRules> channels;  ///< (actuators); empty for an arm with tendons
 };
 
-/// A motion-capture system that sees a body at the arm's tip. What a calibration has not found yet
-/// is absent.
+/// A motion-capture system that sees bodies on the arm, or one at its tip. What a calibration has
+/// not found yet is absent.
 struct MotionCapture {
-  std::optional<lie::SE3> X_BF;         ///< frame F of the positions, seen from the arm's base B
+  std::optional<lie::SE3> X_BF;         ///< frame F of the poses, seen from the arm's base B
   std::optional<Eigen::Matrix3d> R_TM;  ///< rotation of the body M seen from the tip's frame T
   std::optional<Eigen::Vector3d> p_TM;  ///< its position likewise [m]
   /// Direction of a beam from the tip, whose dot in the x-y plane of F is what is seen: x of T
@@ -77,10 +78,10 @@ struct Scene {
   dynamics::MotionConfig dynamics;  ///< what its motion takes besides the model
   std::vector<SectionLook> looks;   ///< (sections)
   std::optional<regulator::Config> regulator;
-  std::optional<estimation::TagLayout> tags;
-  estimation::TagPrior tag_prior;  ///< uncertainty of their placements
+  std::optional<estimation::TagLayout> tags;  ///< or its motion-capture bodies
+  estimation::TagPrior tag_prior;             ///< uncertainty of their placements
   /// Frame F of tag poses in data sets, seen from the base; of series of the tip unless
-  /// motion_capture has another.
+  /// motion_capture has another; of bodies that of motion_capture.
   lie::SE3 X_BF;
   MotionCapture motion_capture;
   std::optional<CameraConfig> camera;
@@ -96,12 +97,17 @@ struct Scene {
   /// SHA-256 of the bytes read from its file, without overrides; empty if it is not from a file.
   std::string sha256;
 
-  /// The arm's base seen from the camera. Only with a camera.
-  lie::SE3 X_CB() const { return camera->X_WC.inverse() * X_WB; }
-  /// The camera's view of the arm. Only with a camera and tags.
-  estimation::ArmView view() const { return {camera->model, X_CB(), *tags, arm.sectionCount()}; }
-  /// Configuration of its simulated camera: camera and tags at their true poses, each
-  /// section drawn as thick as its separators. Nothing without a camera or tags.
+  bool hasBodies() const { return tags && tags->hasBodies(); }
+  /// Whether something measures its shape: a camera sees tags, or a motion-capture system bodies.
+  bool isSeen() const { return tags && (camera || hasBodies()); }
+  /// The arm's base seen from the camera, or from the frame of the bodies' poses. Only with one.
+  lie::SE3 X_CB() const { return hasBodies() ? X_BF.inverse() : camera->X_WC.inverse() * X_WB; }
+  /// The view of the arm. Only if it is seen.
+  estimation::ArmView view() const {
+    return {camera ? camera->model : estimation::Camera(), X_CB(), *tags, arm.sectionCount()};
+  }
+  /// Configuration of what sees the simulated arm: camera and tags, or bodies, at their true poses,
+  /// each section drawn as thick as its separators. Nothing if it is not seen.
   std::optional<simulation::CameraSetup> cameraSetup() const;
 };
 

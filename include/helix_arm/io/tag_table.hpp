@@ -29,10 +29,11 @@ struct TagPoseCapture {
   int number;                ///< number in the file
   Eigen::VectorXd pressure;  ///< (actuators) gauge [Pa]
   std::vector<TagPose> tags;
+  std::optional<double> time = std::nullopt;  ///< on the clock of a series of the arm [s]
 };
 
 /// The captures of a data set with columns capture, pressure_1_kpa .., tag, x_m, y_m, z_m, qx, qy,
-/// qz and qw, in the order in which each appears first.
+/// qz and qw and, optionally, time_s, in the order in which each appears first.
 /// @param X_BF  frame F of the poses in the file, seen from the base.
 /// @throws DocumentError with all faults: a missing column, a capture or tag that is no whole
 /// number >= 0, a quaternion far from norm 1, a tag twice in one capture, pressures that change
@@ -68,5 +69,8 @@ std::vector<TagCornerCapture> loadTagCorners(const DataSet& data, int actuators)
 /// @throws std::invalid_argument on a capture with another number of pressures.
 std::string tagCornerCsv(const std::vector<TagCornerCapture>& captures, int actuators,
                          const std::string& comment);
+/// The same of a data set of poses, which are written as they are given.
+std::string tagPoseCsv(const std::vector<TagPoseCapture>& captures, int actuators,
+                       const std::string& comment);
 
 }  // namespace helix_arm::io

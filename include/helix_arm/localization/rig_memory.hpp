@@ -63,6 +63,7 @@ struct BaseMove {
   lie::Vector6 xi = lie::Vector6::Zero();
   double deviations = 0.0;    ///< of what is known of it, by Mahalanobis
   bool since_before = false;  ///< it was elsewhere in earlier pictures
+  bool of_bodies = false;     ///< a motion-capture system stands for the camera
 
   /// The part that has moved, by how much, and the remedy.
   std::string message() const;
@@ -79,14 +80,20 @@ class BaseWatch {
   BaseWatch(TagLayout layout, int sections, const TwistFitOptions& options,
             const RigEstimate::Matrix& by_placements);
 
-  /// A picture; one in ten is fitted. Arguments as for TwistFitter::fit().
+  static constexpr int kPeriod = 10;  ///< pictures a fit
+
+  /// A picture; one of kPeriod is fitted. Arguments as for TwistFitter::fit().
   void see(const std::vector<CornerObservation>& seen, const lie::SE3& X_CB, double focal,
            const model::Shape& start, const model::Shape& model);
+  void see(const std::vector<PoseObservation>& seen, const model::Shape& start,
+           const model::Shape& model);
   /// Nothing as long as camera and base are where they are expected.
   const std::optional<BaseMove>& move() const { return move_; }
   void reset();
 
  private:
+  bool isDue() { return pictures_++ % kPeriod == 0; }
+  void judge(const TwistFit& fit);
   BaseMove moveOf(const RigEstimate& rig) const;
 
   TwistFitter fitter_;

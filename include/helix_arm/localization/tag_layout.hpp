@@ -1,6 +1,9 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
+#include <optional>
+#include <string>
 #include <vector>
 
 #include "helix_arm/lie/se3.hpp"
@@ -15,9 +18,16 @@ inline constexpr int kMaxTags = 64;
 /// right, top left of the upright tag. This is the order of libapriltag.
 using Corners = Eigen::Matrix<double, 2, 4>;
 
-/// Placement of one tag on the arm.
+/// Expected standard deviations of a pose that a motion-capture system measures, each axis.
+struct PoseNoise {
+  double position = 0;  ///< > 0 [m]
+  double rotation = 0;  ///< [rad]; 0: only positions are measured
+};
+
+/// Placement of one tag on the arm, or of a motion-capture body.
 ///
-/// Tag frame T: origin in the centre, x to the right, y up, z out of the face, towards the viewer.
+/// Tag frame T: origin in the centre, x to the right, y up, z out of the face, towards the viewer;
+/// of a body, the frame that its system gives it.
 struct TagPlacement {
   int id;         ///< id in its tag family
   int section;    ///< section index, counted from 0 at the base
@@ -27,13 +37,24 @@ struct TagPlacement {
   /// of a tag that none of its captures shows, the deviations of the prior. 0 without one.
   lie::Vector6 error = lie::Vector6::Zero();
   bool placed = true;  ///< false: such a calibration has no capture that shows it
+  /// Expected noise of a body's poses; absent for a tag.
+  std::optional<PoseNoise> noise = std::nullopt;
+  std::string name = {};  ///< of a body
+
+  /// The name of a body, the id of a tag.
+  std::string label() const { return noise ? name : std::to_string(id); }
 };
 
-/// All tags of an arm. They have one size, measured over vision::TagFamily::sizeEdge().
+/// All tags of an arm. They have one size, measured over vision::TagFamily::sizeEdge(). Or all its
+/// motion-capture bodies, which are drawn with that size.
 struct TagLayout {
   double size = 0;  ///< [m]
   std::vector<TagPlacement> tags;
 
+  /// Whether a motion-capture system measures their poses, instead of a camera their corners.
+  bool hasBodies() const {
+    return std::any_of(tags.begin(), tags.end(), [](const auto& tag) { return tag.noise; });
+  }
   /// Index of the tag with this id, or -1.
   int find(int id) const;
   /// Index of the tag nearest to the base, or -1 without tags: in the first section that has tags,

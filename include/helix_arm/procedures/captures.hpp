@@ -12,6 +12,7 @@
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/io/tag_table.hpp"
 #include "helix_arm/localization/capture_check.hpp"
+#include "helix_arm/procedures/body_recording.hpp"
 #include "helix_arm/procedures/response_series.hpp"
 
 namespace helix_arm::procedures {
@@ -72,6 +73,11 @@ LoadedCaptures loadCaptures(const io::Scene& scene, const io::DataSet& data,
 LoadedCaptures makeCaptures(const io::Scene& scene, const std::vector<io::TagCornerCapture>& seen,
                             const std::string& name, OutsideLimits outside = OutsideLimits::kFault);
 
+/// The same for poses of bodies from memory, seen from their frame F; pressures beyond the limits
+/// are kept.
+LoadedCaptures makeCaptures(const io::Scene& scene, std::vector<io::TagPoseCapture> seen,
+                            const std::string& name);
+
 /// A scene's arm and its captures.
 estimation::ArmCaptures makeArmCaptures(const io::Scene& scene,
                                         std::vector<estimation::Capture> captures);
@@ -118,9 +124,11 @@ void addCaptures(std::vector<estimation::Capture> captures, const std::string& f
 /// @throws DocumentError with every fault of its rows.
 void addDataSet(const io::Scene& scene, const io::DataSet& set, CalibrationData& data);
 
-/// Reads data sets of any kind.
+/// Reads data sets of any kind, and recordings of bodies.
+/// @param pressures  of the recordings.
 /// @throws DocumentError with every fault of a file.
-CalibrationData loadCalibrationData(const io::Scene& scene, const std::vector<std::string>& paths);
+CalibrationData loadCalibrationData(const io::Scene& scene, const std::vector<std::string>& paths,
+                                    const RecordedPressures& pressures = {});
 
 /// The message that names two sources with the same content, if there are any; such data would
 /// count twice.

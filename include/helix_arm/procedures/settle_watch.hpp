@@ -7,16 +7,25 @@
 #include <string>
 #include <vector>
 
+#include "helix_arm/lie/se3.hpp"
 #include "helix_arm/model/arm.hpp"
 
 namespace helix_arm::procedures {
 
-/// Detection of one tag in one picture.
+/// Detection of one tag in one picture, or of one body at one time.
 struct TagObservation {
-  int id;  ///< in its family
+  int id;  ///< in its family; of a body, its index in the scene
   /// x, y of bottom left, bottom right, top right, top left as one reads the tag, with lens
   /// distortion [px].
   Eigen::Matrix<double, 2, 4> corners;
+  /// Points of a body, which has no corners: origin and ends of its axes, each kAxis long, in the
+  /// frame of its poses [m].
+  std::optional<Eigen::Matrix<double, 3, 4>> points = {};
+
+  static constexpr double kAxis = 0.03;  ///< [m]
+  static TagObservation ofBody(int id, const lie::SE3& X_FM);
+  /// Pose of a body.
+  lie::SE3 X_FM() const;
 };
 
 /// The pressures and visible tags of an arm at rest.
@@ -27,7 +36,7 @@ struct Sample {
 };
 
 /// Combines several samples at the same pressures: the median of each pressure and of each
-/// coordinate of each tag. Tags seen in fewer than half of them are omitted.
+/// coordinate of each tag or body. Tags seen in fewer than half of them are omitted.
 ///
 /// @throws std::invalid_argument if there is no sample, or their numbers of pressures differ.
 Sample medianOf(const std::vector<Sample>& samples);
@@ -42,6 +51,8 @@ struct SettleRules {
   double corner_tolerance = 1.0;
   double window = 1.0;   ///< how long, > 0 [s]
   double max_age = 1.0;  ///< pressures or pictures older than this are stale, > 0 [s]
+  /// As corner_tolerance, of a body: RMS over its points, > 0 [m].
+  double body_tolerance = 2e-3;
 
   /// @throws std::invalid_argument naming the value and its rule.
   void validate() const;

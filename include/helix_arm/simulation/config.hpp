@@ -72,6 +72,13 @@ struct SimulatedCameraConfig {
   void validate() const;
 };
 
+/// A simulated motion-capture system.
+struct SimulatedBodiesConfig {
+  double rate = 100.0;  ///< of the poses, > 0 [Hz]
+  double lost = 0.0;    ///< share of the poses of each body that are lost, in [0, 1)
+  std::uint32_t seed = 1;
+};
+
 /// Thickness of the drawn arm.
 struct ArmBody {
   std::vector<double> radius;  ///< of each section [m]; if empty, 0.03 m everywhere

@@ -126,12 +126,13 @@ class MovingArm {
   std::optional<double> last_reading_;                         // its time [s]
 };
 
-/// Configuration of the camera of a simulated rig.
+/// Configuration of the camera of a simulated rig, or of what sees the bodies of its view.
 struct CameraSetup {
   estimation::ArmView view;
   vision::TagFamily family;
   ArmBody body;
   SimulatedCameraConfig config;
+  SimulatedBodiesConfig bodies = {};
 };
 
 /// A complete rig: regulators that follow their set points, an arm that follows their pressures
@@ -140,7 +141,8 @@ struct CameraSetup {
 /// The same seeds and calls give the same measurements and pictures.
 class SimulatedRig {
  public:
-  /// @param model  model of the scene's arm, from which the true arm deviates.
+  /// @param model   model of the scene's arm, from which the true arm deviates.
+  /// @param camera  one of bodies gives no pictures.
   /// @throws std::invalid_argument naming the value and its rule.
   SimulatedRig(const statics::ArmModel& model, const regulator::SimulatedRegulatorConfig& regulator,
                const ArmDeviation& deviation,

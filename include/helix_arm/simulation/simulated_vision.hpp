@@ -14,7 +14,7 @@
 
 namespace helix_arm::simulation {
 
-/// How a simulated arm is seen.
+/// How the tags of a simulated arm are seen.
 enum class VisionKind {
   kCorners,   ///< the corners of the visible tags with noise, fitted: fast, for statistics
   kRendered,  ///< pictures that are rendered, compressed and searched, as on the rig
@@ -37,8 +37,8 @@ struct MeasuredShape {
   std::vector<int> tags;       ///< indices in the layout, ascending; outliers too
 };
 
-/// Measures simulated shapes as the vision node does, without node or clock. The same seeds and
-/// calls give the same measurements.
+/// Measures simulated shapes as the vision node does, without node or clock: from tags, or from the
+/// poses of bodies. The same seeds and calls give the same measurements.
 class SimulatedVision {
  public:
   /// @param camera   the true camera and tags.

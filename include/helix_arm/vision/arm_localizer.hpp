@@ -2,11 +2,13 @@
 
 #include <memory>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include <opencv2/core.hpp>
 
 #include "helix_arm/localization/arm_view.hpp"
+#include "helix_arm/localization/body_check.hpp"
 #include "helix_arm/localization/rig_memory.hpp"
 #include "helix_arm/localization/twist_fit.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
@@ -23,13 +25,18 @@ enum class ObservationState {
 /// "measured", "no_tags", "too_few_tags" or "no_fit".
 const char* nameOf(ObservationState state);
 
-/// The tags of one picture and the shape fitted to them.
+/// The tags of one picture, or the bodies at one time, and the shape fitted to them.
 struct Observation {
   ObservationState state = ObservationState::kNoTags;
+  std::string
+      fault;  ///< known mistake in the poses of bodies, with its remedy; no_fit is its state
   std::vector<TagDetection> detections;  ///< all detections, sorted by id
-  std::vector<int> unknown_ids;          ///< tags that this arm does not have
-  std::vector<int> repeated_ids;         ///< detected more than once; none of them is used
-  std::vector<int> unusable_ids;  ///< outside the valid range of the lens distortion; not used
+  /// Poses of the detections of bodies, whose ids are their indices; seen from C. Empty: tags.
+  std::vector<estimation::BodyPose> poses;
+  std::vector<int> unknown_ids;   ///< tags that this arm does not have
+  std::vector<int> repeated_ids;  ///< detected more than once; none of them is used
+  /// Outside the valid range of the lens distortion, or bodies with a mistake; not used.
+  std::vector<int> unusable_ids;
   int by_edges = 0, by_regions = 0;
   bool whole_picture = false;
   estimation::TwistFit fit;                   ///< valid only if the state is kMeasured
@@ -37,7 +44,8 @@ struct Observation {
 };
 
 /// Measures the shape in pictures: tracks the tags from the positions that the last shape, or the
-/// model's, predicts, and fits the shape to their corners. Not thread-safe.
+/// model's, predicts, and fits the shape to their corners. With a layout of bodies, measures it
+/// from their poses. Not thread-safe.
 class ArmLocalizer {
  public:
   /// @throws std::invalid_argument naming the value and its rule.
@@ -51,6 +59,12 @@ class ArmLocalizer {
   /// the tags.
   /// @throws std::invalid_argument on a picture of another size or type.
   const Observation& locate(const cv::Mat& gray, const model::Shape& model);
+
+  /// @param seen   poses of bodies in the frame C of the view, each at most once.
+  /// @param model  approximate shape of the arm.
+  /// @throws std::invalid_argument if the layout has no bodies.
+  const Observation& locate(const std::vector<estimation::BodyPose>& seen,
+                            const model::Shape& model);
 
   /// Forgets the last picture. What was learnt of base and border shift stays.
   void reset();

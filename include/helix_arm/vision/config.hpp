@@ -58,7 +58,9 @@ struct LocalizerConfig {
   /// (estimation::RigMemory); else they are fitted anew in each. The covariance of what errors of
   /// the placements make of them, see estimation::rigByPlacements().
   std::optional<estimation::RigEstimate::Matrix> rig_by_placements = {};
-  int min_tags = 2;  ///< fewest visible tags of the arm for a measurement, >= 2
+  /// Fewest visible tags of the arm for a measurement, >= 2; of bodies >= 1.
+  int min_tags = 2;
+  bool frame_known = true;  ///< of the poses of bodies; else none of them is measured
 
   /// @throws std::invalid_argument naming the value and its rule.
   void validate() const;

@@ -115,13 +115,13 @@ class SimulatedRig:
     rig: scene of the true arm, if it is another one. plant: command of a program that is the true arm (docs/closed_loop.md).
     seed: of the readings' and the camera's noise, together with the name of the inputs. Each record() is of an arm that has rested
     for long. true_tip_m: (m, 3) of the last recording.
-    Raises ValueError where a scene has no camera or no tags; record() raises RuntimeError naming a plant that fails.
+    Raises ValueError where nothing sees the arm of a scene; record() raises RuntimeError naming a plant that fails.
     """
 
     def __init__(self, scene: Scene, rig: Optional[Scene] = None, plant: str = "", seed: int = 1) -> None:
         for one in (scene, rig or scene):
-            if one._picture_shape is None:
-                raise ValueError(f"scene {one.name} has no camera or no tags, so that its simulated rig is not seen; add both")
+            if not one._has_vision:
+                raise ValueError(f"scene {one.name} has neither camera and tags nor bodies, so that its simulated rig is not seen; add them")
         self._parts, self._seed = (scene, rig or scene, plant), seed
         true = rig or scene
         self.origin = f"simulated rig {true.name} {true._sha256[:12]}{', plant ' + plant if plant else ''}, seed {seed}"

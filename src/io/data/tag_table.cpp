@@ -81,6 +81,54 @@ lie::SE3 readPoseCells(const TagRow& at) {
   return {rotationOf(q, at.line(), at.faults), {at["x_m"], at["y_m"], at["z_m"]}};
 }
 
+const std::vector<std::string> kPoseColumns = {"x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"};
+
+// The times of captures, where the table has them.
+template <class Capture>
+std::vector<Capture> timed(std::vector<Capture> captures, const DataSet& data) {
+  const int time = data.find("time_s");
+  for (Capture& capture : captures) {
+    if (time < 0) break;
+    const auto line =
+        std::lower_bound(data.lines.begin(), data.lines.end(), capture.tags.front().line);
+    capture.time = data.values(line - data.lines.begin(), time);
+  }
+  return captures;
+}
+
+// @param columns  after that of the tag. @param numbersOf  a tag's values of these.
+template <class Capture, class NumbersOf>
+std::string tableText(const std::vector<Capture>& captures, int actuators,
+                      const std::string& comment, const std::vector<std::string>& columns,
+                      const NumbersOf& numbersOf) {
+  std::ostringstream text;
+  std::istringstream lines(comment);
+  for (std::string line; std::getline(lines, line);) text << "# " << line << "\n";
+  const bool has_times = !captures.empty() &&
+                         std::all_of(captures.begin(), captures.end(),
+                                     [](const auto& capture) { return capture.time.has_value(); });
+  text << (has_times ? "capture,time_s" : "capture");
+  for (int i = 1; i <= actuators; ++i) text << ",pressure_" << i << "_kpa";
+  text << ",tag";
+  for (const std::string& column : columns) text << "," << column;
+  text << "\n";
+  for (const Capture& capture : captures) {
+    basics::require(capture.pressure.size() == actuators, "table of tags: capture ", capture.number,
+                    " has ", capture.pressure.size(), " pressures; expected ", actuators);
+    for (const auto& tag : capture.tags) {
+      text << capture.number;
+      if (has_times) text << "," << formatNumber(*capture.time);
+      for (const double pressure : capture.pressure) {
+        text << "," << formatNumber(kilopascals(pressure));
+      }
+      text << "," << tag.id;
+      for (const double number : numbersOf(tag)) text << "," << formatNumber(number);
+      text << "\n";
+    }
+  }
+  return text.str();
+}
+
 std::vector<std::string> cornerColumns() {
   std::vector<std::string> columns;
   for (int i = 1; i <= estimation::Corners::ColsAtCompileTime; ++i) {
@@ -98,59 +146,43 @@ Eigen::Matrix3d rotationOf(const Eigen::Quaterniond& q, int line, FaultList& fau
 }
 
 std::vector<TagPoseCapture> loadTagPoses(const DataSet& data, int actuators, const lie::SE3& X_BF) {
-  requireTagColumns(data, {"x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"});
-  return readTagTable<TagPoseCapture>(data, actuators, [&X_BF](int id, const TagRow& row) {
-    return TagPose{id, X_BF * readPoseCells(row), row.line()};
-  });
+  requireTagColumns(data, kPoseColumns);
+  return timed(
+      readTagTable<TagPoseCapture>(data, actuators,
+                                   [&X_BF](int id, const TagRow& row) {
+                                     return TagPose{id, X_BF * readPoseCells(row), row.line()};
+                                   }),
+      data);
 }
 
 std::vector<TagCornerCapture> loadTagCorners(const DataSet& data, int actuators) {
   const std::vector<std::string> columns = cornerColumns();
   requireTagColumns(data, columns);
-  auto captures =
-      readTagTable<TagCornerCapture>(data, actuators, [&columns](int id, const TagRow& row) {
-        TagCorners tag{id, {}, row.line()};
-        for (int i = 0; i < tag.corners.size(); ++i) tag.corners(i) = row[columns[i]];
-        return tag;
-      });
-  const int time = data.find("time_s");
-  for (TagCornerCapture& capture : captures) {
-    if (time < 0) break;
-    const auto line =
-        std::lower_bound(data.lines.begin(), data.lines.end(), capture.tags.front().line);
-    capture.time = data.values(line - data.lines.begin(), time);
-  }
-  return captures;
+  return timed(readTagTable<TagCornerCapture>(data, actuators,
+                                              [&columns](int id, const TagRow& row) {
+                                                TagCorners tag{id, {}, row.line()};
+                                                for (int i = 0; i < tag.corners.size(); ++i) {
+                                                  tag.corners(i) = row[columns[i]];
+                                                }
+                                                return tag;
+                                              }),
+               data);
 }
 
 std::string tagCornerCsv(const std::vector<TagCornerCapture>& captures, int actuators,
                          const std::string& comment) {
-  std::ostringstream text;
-  std::istringstream lines(comment);
-  for (std::string line; std::getline(lines, line);) text << "# " << line << "\n";
-  const bool timed = !captures.empty() &&
-                     std::all_of(captures.begin(), captures.end(),
-                                 [](const auto& capture) { return capture.time.has_value(); });
-  text << (timed ? "capture,time_s" : "capture");
-  for (int i = 1; i <= actuators; ++i) text << ",pressure_" << i << "_kpa";
-  text << ",tag";
-  for (const std::string& column : cornerColumns()) text << "," << column;
-  text << "\n";
-  for (const TagCornerCapture& capture : captures) {
-    basics::require(capture.pressure.size() == actuators, "tagCornerCsv: capture ", capture.number,
-                    " has ", capture.pressure.size(), " pressures; expected ", actuators);
-    for (const TagCorners& tag : capture.tags) {
-      text << capture.number;
-      if (timed) text << "," << formatNumber(*capture.time);
-      for (const double pressure : capture.pressure) {
-        text << "," << formatNumber(kilopascals(pressure));
-      }
-      text << "," << tag.id;
-      for (int i = 0; i < tag.corners.size(); ++i) text << "," << formatNumber(tag.corners(i));
-      text << "\n";
-    }
-  }
-  return text.str();
+  return tableText(captures, actuators, comment, cornerColumns(),
+                   [](const TagCorners& tag) { return tag.corners.reshaped(); });
+}
+
+std::string tagPoseCsv(const std::vector<TagPoseCapture>& captures, int actuators,
+                       const std::string& comment) {
+  return tableText(captures, actuators, comment, kPoseColumns, [](const TagPose& tag) {
+    const Eigen::Quaterniond q(tag.X_BT.rotation);
+    Eigen::Matrix<double, 7, 1> out;
+    out << tag.X_BT.translation, q.coeffs();
+    return out;
+  });
 }
 
 }  // namespace helix_arm::io

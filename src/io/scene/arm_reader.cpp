@@ -314,8 +314,8 @@ std::optional<statics::ArmModel> readModel(const MapReader& scene, const ArmPart
 const DocumentKind& sceneKind() {
   static const DocumentKind kind{
       {"name", "contractions", "arm", "load", "dynamics", "tier", "order", "accuracy", "budget",
-       "tags", "motion_capture", "camera", "vision", "simulation", "regulator", "safety", "follow",
-       "calibration"},
+       "tags", "bodies", "motion_capture", "camera", "vision", "simulation", "regulator", "safety",
+       "follow", "calibration"},
       {"name", "contractions", "arm"},
       2};
   return kind;

@@ -334,6 +334,19 @@ bool isSame(const estimation::TagPlacement& a, const estimation::TagPlacement& b
          a.X_ST.translation == b.X_ST.translation;
 }
 
+// Bodies that have moved are placed on the base curve.
+void putBodies(const Scene& scene, const estimation::TagLayout& layout, Value& bodies) {
+  for (std::size_t i = 0; i < layout.tags.size(); ++i) {
+    const estimation::TagPlacement& body = layout.tags[i];
+    if (isSame(scene.tags->tags[i], body)) continue;
+    Value& keys = bodies.entries[i].value;
+    for (const char* key : {"plate", "tool"}) eraseValue(keys, key);
+    setValue(keys, "section", plainValue(scene.looks.at(body.section).name));
+    setValue(keys, "s", numberValue(body.s));
+    putPose(body.X_ST, keys);
+  }
+}
+
 // A group of one tag with the mount of another group.
 Value groupOf(const Scene& scene, const Value& mounted, const estimation::TagPlacement& tag) {
   Value group = mapOf({});
@@ -353,6 +366,9 @@ Value& tagsOf(const Scene& scene, Value& document) {
 }
 
 void putTags(const Scene& scene, const estimation::TagLayout& layout, Value& document) {
+  if (scene.tags && scene.tags->hasBodies()) {
+    return putBodies(scene, layout, *findValue(document, "bodies"));
+  }
   Value& groups = *findValue(tagsOf(scene, document), "groups");
   basics::requireValue(layout.tags.size() == scene.tags->tags.size(), "calibratedSceneText",
                        "the number of tags", layout.tags.size(), scene.tags->tags.size());
@@ -477,7 +493,9 @@ void addChange(estimation::FitParameter parameter, const Scene& scene,
       return;
     case FitParameter::kBase:
       if (corners) changes.X_CB = scene.X_CB() * calibration.X_B0B;
-      if (!corners) changes.X_BF = calibration.X_B0B.inverse() * scene.X_BF;
+      if (corners) return;
+      (scene.tags->hasBodies() ? changes.motion_capture.X_BF : changes.X_BF) =
+          calibration.X_B0B.inverse() * scene.X_BF;
       return;
     case FitParameter::kTags:
       changes.tags = calibration.layout;

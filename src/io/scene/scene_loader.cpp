@@ -36,13 +36,14 @@ std::string sceneText(const std::string& path, const std::vector<Override>& over
 }
 
 std::optional<simulation::CameraSetup> Scene::cameraSetup() const {
-  if (!camera || !tags) return std::nullopt;
+  if (!isSeen()) return std::nullopt;
   std::vector<double> radii;
   for (const SectionLook& look : looks) radii.push_back(look.separator_radius);
   return simulation::CameraSetup{simulation::deviate(view(), arm, simulation.mounts),
                                  vision::TagFamily(vision.detector.family),
                                  {std::move(radii)},
-                                 simulation.camera};
+                                 simulation.camera,
+                                 simulation.bodies};
 }
 
 Scene loadScene(const std::string& path, const std::vector<Override>& overrides) {
@@ -117,6 +118,7 @@ Scene makeScene(const Value& document, FaultList& faults) {
   auto [name, contractions, arm, model] = readSceneArm(keys);
   const ArmParts* const known_arm = arm ? &*arm : nullptr;
   std::optional<TagParts> tags = readTags(keys, known_arm);
+  std::optional<estimation::TagLayout> bodies = readBodies(keys, known_arm);
   const MotionCapture motion_capture = readMotionCapture(keys);
   auto camera = readCamera(keys);
   vision::LocalizerConfig vision = readVision(keys, tags ? tags->family : std::string());
@@ -143,6 +145,15 @@ Scene makeScene(const Value& document, FaultList& faults) {
     if (calibration) takeErrors(*calibration, tags->prior, *scene.tags);
     scene.tag_prior = tags->prior;
     scene.X_BF = tags->X_BF;
+  }
+  if (bodies) {
+    if (calibration) takeErrors(*calibration, scene.tag_prior, *bodies);
+    for (const estimation::TagPlacement& body : bodies->tags) {
+      vision.fit.position_noise = body.noise->position;
+      vision.fit.rotation_noise = body.noise->rotation;
+    }
+    scene.tags = std::move(bodies);
+    scene.X_BF = motion_capture.X_BF.value_or(lie::SE3());
   }
   scene.motion_capture = motion_capture;
   scene.camera = std::move(camera);
@@ -179,9 +190,16 @@ void requireSameRig(const Scene& at_hand, const Scene& next) {
     require(now.actuator(i).drive == then.actuator(i).drive, now.actuator(i).name,
             " has another drive");
   }
-  require(at_hand.camera.has_value() == next.camera.has_value() &&
-              at_hand.tags.has_value() == next.tags.has_value(),
-          "only one of the two has `camera` and `tags`");
+  require(at_hand.isSeen() == next.isSeen() && at_hand.hasBodies() == next.hasBodies(),
+          "only one of the two has `camera` and `tags`, or `bodies`");
+  const auto bodiesOf = [](const Scene& scene) {
+    std::string out;
+    if (!scene.hasBodies()) return out;
+    for (const estimation::TagPlacement& body : scene.tags->tags) out += " " + body.name;
+    return out;
+  };
+  require(bodiesOf(at_hand) == bodiesOf(next), "its bodies are", bodiesOf(next), ", expected",
+          bodiesOf(at_hand));
   require(at_hand.planar.has_value() == next.planar.has_value(), "its geometry is ",
           next.planar ? "planar" : "spatial", ", expected ", at_hand.planar ? "planar" : "spatial");
 }

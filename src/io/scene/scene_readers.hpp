@@ -125,6 +125,9 @@ struct TagParts {
 /// Reads `tags`.
 std::optional<TagParts> readTags(const MapReader& scene, const ArmParts* arm);
 
+/// Reads `bodies`: the ids of the layout count from 0 in their order.
+std::optional<estimation::TagLayout> readBodies(const MapReader& scene, const ArmParts* arm);
+
 /// Reads `motion_capture`.
 MotionCapture readMotionCapture(const MapReader& scene);
 

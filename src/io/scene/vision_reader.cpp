@@ -93,7 +93,8 @@ void readGroup(const MapReader& group, const lie::SE3& X_MT, const vision::TagFa
 constexpr NumberRule kSmallLength = within(kPositive, 1e-6, 1, " m");
 constexpr NumberRule kSmallAngle = within(kPositive, 1e-4, 180, " degrees");
 
-std::vector<Key> visionKeys(vision::LocalizerConfig& config) {
+// @param least_tags  2, as the pose of a single tag is ambiguous; 1 of bodies.
+std::vector<Key> visionKeys(vision::LocalizerConfig& config, int least_tags) {
   constexpr NumberRule kDecimation{"a finite value >= 1", [](double x) { return x >= 1; }, 1, 16};
   using vision::TrackingMode;
   const OneOf<TrackingMode> kTracking{{{"edges", TrackingMode::kEdges},
@@ -107,7 +108,7 @@ std::vector<Key> visionKeys(vision::LocalizerConfig& config) {
           {"refine_edges", detector.refine_edges},
           {"max_hamming", Whole{0, 3}, detector.max_hamming},
           {"tracking", kTracking, config.tracking},
-          {"min_tags", Whole{2, estimation::kMaxTags}, config.min_tags},
+          {"min_tags", Whole{least_tags, estimation::kMaxTags}, config.min_tags},
           {"corner_noise_px", within(kPositive, 1e-3, 100, " px"), fit.corner_noise},
           {"tag_position_noise_m", kSmallLength, fit.position_noise},
           {"tag_rotation_noise_deg", within(kNotNegative, 0, 180, " degrees"), fit.rotation_noise,
@@ -203,6 +204,12 @@ std::vector<Key> pictureKeys(simulation::SimulatedCameraConfig& camera) {
           {"clutter", Whole{0, 10000}, camera.clutter},
           {"occluders", Whole{0, 1000}, camera.occluders},
           {"seed", kSeed, camera.seed}};
+}
+
+std::vector<Key> bodiesKeys(simulation::SimulatedBodiesConfig& bodies) {
+  return {{"rate_hz", within(kPositive, 1, 250, " Hz"), bodies.rate},
+          {"lost", within(kNotNegative, 0, 0.99), bodies.lost},
+          {"seed", kSeed, bodies.seed}};
 }
 
 constexpr NumberRule kFollowTime = within(kPositive, 1e-3, 3600, " s");
@@ -315,7 +322,9 @@ MotionCapture readMotionCapture(const MapReader& scene) {
 vision::LocalizerConfig readVision(const MapReader& scene, const std::string& family) {
   vision::LocalizerConfig config;
   if (!family.empty()) config.detector.family = family;
-  if (const auto keys = scene.map("vision", visionKeys(config))) {
+  const int least_tags = scene.has("bodies") ? 1 : config.min_tags;
+  config.min_tags = least_tags;
+  if (const auto keys = scene.map("vision", visionKeys(config, least_tags))) {
     config.fit.free_base = keys->has("base_prior");
     config.fit.free_border_shift = keys->has("bleed_prior_m");
     if (!keys->isSound()) return config;
@@ -341,7 +350,8 @@ SimulationConfig readSimulation(const MapReader& scene, const ArmParts* arm,
   SimulationConfig config;
   scene.map("simulation", {{"arm", deviationKeys(config.arm, arm, load, usual)},
                            {"mounts", mountKeys(config.mounts)},
-                           {"camera", pictureKeys(config.camera)}});
+                           {"camera", pictureKeys(config.camera)},
+                           {"bodies", bodiesKeys(config.bodies)}});
   return config;
 }
 

@@ -1,11 +1,13 @@
 #include <chrono>
 
+#include <geometry_msgs/PoseStamped.h>
 #include <rosgraph_msgs/Clock.h>
 
 #include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/regulator/simulated_regulator.hpp"
+#include "helix_arm/simulation/bodies.hpp"
 #include "helix_arm/simulation/rig.hpp"
 #include "helix_arm/vision/jpeg.hpp"
 #include "ros_bridge/common/conversions.hpp"
@@ -56,9 +58,9 @@ struct SimulatedRigOptions {
 };
 
 /// Simulates the hardware of a scene: regulator, true arm and, if the scene has camera and tags,
-/// the camera. With ~regulator topic, it simulates arm and camera alone: the arm has the pressures
-/// that a regulator measures, such as that of a board without an arm. docs/nodes.md lists its
-/// topics and parameters (SimulatedRigOptions).
+/// the camera; if it has bodies, their motion-capture system. With ~regulator topic, it simulates
+/// arm and camera alone: the arm has the pressures that a regulator measures, such as that of a
+/// board without an arm. docs/nodes.md lists its topics and parameters (SimulatedRigOptions).
 ///
 /// With every pressure_measured, the truth has its stamp and is under the scene's load and the
 /// force at its tip; a picture has the stamp of the truth that it shows, its camera_info comes just
@@ -99,7 +101,15 @@ class SimulatedRigNode : public Node {
     }
     force_subscriber_ = listen(private_node_, names::kTipForce, 10, &Self::onTipForce, this);
     loop_timer_ = repeat(node_, "the rig", 1.0 / options_.rate, &Self::onLoop, this);
-    const bool seen = scene_.camera && scene_.tags;
+    const bool seen = scene_.isSeen() && !scene_.hasBodies();
+    if (scene_.hasBodies()) {
+      const simulation::CameraSetup setup = scene_.cameraSetup().value();
+      bodies_.emplace(setup.view, setup.bodies);
+      for (const estimation::TagPlacement& body : scene_.tags->tags) {
+        pose_publishers_.push_back(
+            node_.advertise<geometry_msgs::PoseStamped>("mocap/" + body.name + "/pose", 10));
+      }
+    }
     if (seen) {
       image_publisher_ = node_.advertise<sensor_msgs::Image>(names::kImage, 2);
       compressed_publisher_ =
@@ -111,7 +121,9 @@ class SimulatedRigNode : public Node {
             regulator_ ? ("simulated regulator at " + fixed(options_.rate) + " Hz").c_str()
                        : "an arm at the pressures of pressure_measured",
             seen ? ("pictures at " + fixed(options_.camera_rate) + " Hz").c_str()
-                 : "no camera, since the scene lacks `camera` or `tags`");
+            : bodies_
+                ? ("poses of bodies at " + fixed(scene_.simulation.bodies.rate) + " Hz").c_str()
+                : "no camera, since the scene lacks `camera` or `tags`");
   }
 
   ~SimulatedRigNode() override {
@@ -184,6 +196,20 @@ class SimulatedRigNode : public Node {
     publishTruth(header, [this, dt] { true_arm_.step(regulator_->pressure(), dt); });
   }
 
+  /// Where they are due.
+  void publishPoses(const Moment& moment) {
+    constexpr double kSlack = 0.9;  // moments are not exactly periodic
+    const double period = secondsBetween(last_poses_, moment.stamp);
+    if (period >= 0 && period < kSlack / scene_.simulation.bodies.rate) return;
+    last_poses_ = moment.stamp;
+    for (const estimation::BodyPose& one : bodies_->see(moment.shape)) {
+      geometry_msgs::PoseStamped pose;
+      pose.header = toHeaderMsg(moment.stamp, options_.frame_prefix + names::kPoseFrame);
+      pose.pose = toPoseMsg(one.X_CM);
+      pose_publishers_[static_cast<std::size_t>(one.body)].publish(pose);
+    }
+  }
+
   static void drop(const std::string& topic, const std::string& fault, FaultCount& count) {
     if (!count.add()) return;
     logWarning("%s: %s (dropped, %lu so far)", topic.c_str(), fault.c_str(), count.total());
@@ -231,6 +257,7 @@ class SimulatedRigNode : public Node {
       header.frame_id = options_.frame_prefix + names::kBaseFrame;
       truth_publisher_.publish(toShapeMsg(header, "truth", moment->shape));
     }
+    if (moment && bodies_) publishPoses(*moment);
     const basics::MutexLock lock(mutex_);
     now_ = moment;
   }
@@ -305,6 +332,9 @@ class SimulatedRigNode : public Node {
   ros::Publisher image_publisher_, compressed_publisher_, info_publisher_;
   ros::Subscriber pressure_subscriber_, force_subscriber_;
   ros::SteadyTimer loop_timer_;
+  std::optional<simulation::SimulatedBodies> bodies_;
+  ros::Time last_poses_;
+  std::vector<ros::Publisher> pose_publishers_;  ///< of each body
 
   basics::Mutex mutex_;
   basics::Condition wake_;

@@ -4,6 +4,7 @@
 
 #include <opencv2/imgproc.hpp>
 
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/procedures/loop_config.hpp"
 #include "ros_bridge/common/conversions.hpp"
@@ -29,7 +30,24 @@ bool has(const std::vector<int>& ids, int id) {
   return std::find(ids.begin(), ids.end(), id) != ids.end();
 }
 
-std::string countText(int tags) { return std::to_string(tags) + (tags == 1 ? " tag" : " tags"); }
+std::string countText(int count, bool of_bodies) {
+  if (of_bodies) return std::to_string(count) + (count == 1 ? " body" : " bodies");
+  return std::to_string(count) + (count == 1 ? " tag" : " tags");
+}
+
+// Names the bodies that are not seen, and tells their mistakes, if there are any.
+std::string unseenBodies(const vision::Observation& observation,
+                         const estimation::TagLayout& layout) {
+  std::vector<std::string> unseen;
+  for (const estimation::TagPlacement& body : layout.tags) {
+    const bool seen = std::any_of(observation.poses.begin(), observation.poses.end(),
+                                  [&body](const auto& one) { return one.body == body.id; });
+    if (!seen) unseen.push_back(body.name);
+  }
+  std::string out = unseen.empty() ? "" : "; not seen: " + basics::joined(unseen);
+  if (!observation.fault.empty()) out += "; " + observation.fault;
+  return out;
+}
 
 // Lists the ids that no fit can use, if there are any.
 std::string unknownTags(const vision::Observation& observation) {
@@ -60,6 +78,17 @@ int tagsOfArm(const vision::Observation& observation) {
   return static_cast<int>(std::count_if(tags.begin(), tags.end(), [&](const auto& tag) {
     return !has(observation.unknown_ids, tag.id) && !has(observation.repeated_ids, tag.id);
   }));
+}
+
+BodyPoses toMsg(const std_msgs::Header& header, const std::vector<estimation::BodyPose>& poses,
+                const estimation::TagLayout& layout) {
+  BodyPoses msg;
+  msg.header = header;
+  for (const estimation::BodyPose& one : poses) {
+    msg.name.push_back(layout.tags[static_cast<std::size_t>(one.body)].name);
+    msg.pose.push_back(toPoseMsg(one.X_CM));
+  }
+  return msg;
 }
 
 TagDetections toMsg(const std_msgs::Header& header, const vision::Observation& observation,
@@ -120,14 +149,34 @@ double tipSigma(const estimation::TwistFit& fit) {
 // not part of the noise: the error budget adds it.
 std::string summarise(const vision::Observation& observation, int tags) {
   const int outliers = observation.fit.outliers();
-  return countText(tags) + (outliers > 0 ? " (" + std::to_string(outliers) + " off)" : "") + ", " +
-         fixed(observation.fit.rms, 2) + " px, tip noise " +
-         fixed(1e3 * tipSigma(observation.fit)) + " mm";
+  const bool of_bodies = !observation.poses.empty();
+  return countText(tags, of_bodies) +
+         (outliers > 0 ? " (" + std::to_string(outliers) + " off)" : "") + ", " +
+         (of_bodies ? fixed(1e3 * observation.fit.rms, 2) + " mm"
+                    : fixed(observation.fit.rms, 2) + " px") +
+         ", tip noise " + fixed(1e3 * tipSigma(observation.fit), of_bodies ? 2 : 1) + " mm";
+}
+
+std::string describeBodies(const vision::Observation& observation, int bodies,
+                           const estimation::TagLayout& layout) {
+  std::string out = "no shape of the arm fits the " + countText(bodies, true);
+  if (observation.state == vision::ObservationState::kMeasured) {
+    out = summarise(observation, bodies);
+  } else if (observation.state == vision::ObservationState::kNoTags) {
+    out = "no body of the arm is seen: check markers and the system's view";
+  } else if (observation.state == vision::ObservationState::kTooFewTags) {
+    out = countText(bodies, true) +
+          " do not determine the shape: check markers and the system's "
+          "view, or place more bodies";
+  } else if (observation.fault.empty()) {
+    out += ": check their places in the scene, motion_capture.frame, and their names";
+  }
+  return out + unseenBodies(observation, layout);
 }
 
 std::string describe(const vision::Observation& observation, int tags,
                      const vision::LocalizerConfig& config) {
-  std::string out = "no shape of the arm fits the " + countText(tags) +
+  std::string out = "no shape of the arm fits the " + countText(tags, false) +
                     " in sight: check their size and poses in the scene, and the camera's "
                     "calibration";
   if (observation.state == vision::ObservationState::kMeasured) {
@@ -135,7 +184,7 @@ std::string describe(const vision::Observation& observation, int tags,
   } else if (observation.state == vision::ObservationState::kNoTags) {
     out = "no tag of the arm is in sight: check the view, the light, and the scene's tags.family";
   } else if (observation.state == vision::ObservationState::kTooFewTags) {
-    out = countText(tags) + " in sight do not determine the shape; at least " +
+    out = countText(tags, false) + " in sight do not determine the shape; at least " +
           std::to_string(config.min_tags) +
           " are needed, on all sections: check occlusion and light";
   }
@@ -243,7 +292,8 @@ constexpr std::uint8_t kStates[] = {VisionStatus::MEASURED, VisionStatus::NO_TAG
 // By PictureFault.
 constexpr std::uint64_t VisionStatus::*kCounters[kPictureFaultCount] = {
     &VisionStatus::bad_jpeg,        &VisionStatus::wrong_encoding, &VisionStatus::wrong_size,
-    &VisionStatus::bad_camera_info, &VisionStatus::bad_model,      &VisionStatus::source_faults};
+    &VisionStatus::bad_camera_info, &VisionStatus::bad_model,      &VisionStatus::source_faults,
+    &VisionStatus::bad_poses};
 
 std::string rateText(std::uint64_t count, double seconds) {
   return fixed(static_cast<double>(count) / seconds);
@@ -258,9 +308,14 @@ ObservationReport reportOf(const Measurement& measurement, const std::string& ba
 
   ObservationReport out;
   out.tags = tagsOfArm(observation);
-  out.account = describe(observation, out.tags, measurement.config);
+  out.account = measurement.view.layout.hasBodies()
+                    ? describeBodies(observation, out.tags, measurement.view.layout)
+                    : describe(observation, out.tags, measurement.config);
   out.detections =
       toMsg(toHeaderMsg(measurement.stamp, camera_frame), observation, measurement.view.layout);
+  if (!observation.poses.empty()) {
+    out.bodies = toMsg(out.detections.header, observation.poses, measurement.view.layout);
+  }
   if (!measurement.measured()) {
     out.lines = {out.account};
     return out;
@@ -301,9 +356,10 @@ cv::Mat drawOverlay(const Measurement& measurement, const ObservationReport& rep
 VisionStatusPublisher::VisionStatusPublisher(ros::NodeHandle& node, const std::string& name,
                                              const std::string& base_frame,
                                              const std::string& source, double stale_after,
-                                             double draw_period)
+                                             double draw_period, bool of_bodies)
     : node_name_(name),
       stale_after_(stale_after),
+      of_bodies_(of_bodies),
       markers_(base_frame, draw_period),
       last_arrival_(ros::SteadyTime::now()),
       last_report_(last_arrival_),
@@ -312,12 +368,13 @@ VisionStatusPublisher::VisionStatusPublisher(ros::NodeHandle& node, const std::s
           node.advertise<visualization_msgs::MarkerArray>(names::kMeasuredMarkers, 2)),
       diagnostics_(node) {
   status_.state = VisionStatus::WAITING;
-  status_.message = "no picture was received yet from " + source;
+  status_.message = std::string("no ") + input_ + " was received yet from " + source;
 }
 
 void VisionStatusPublisher::countLocked(const PictureRefusal& refusal) {
   FaultCount& count = faults_[static_cast<std::size_t>(refusal.fault)];
   const bool tell = count.add();
+  ++refused_since_;
   status_.*kCounters[static_cast<std::size_t>(refusal.fault)] = count.total();
   status_.last_fault = refusal.message;
   if (!tell) return;
@@ -338,7 +395,7 @@ void VisionStatusPublisher::saw(const Measurement& measurement, const Observatio
   status_.base_moved = moved;
   calibration_ = measurement.calibration;
   enterLocked(kStates[static_cast<int>(observation.state)],
-              report.account + "; calibration: " + calibration_);
+              of_bodies_ ? report.account : report.account + "; calibration: " + calibration_);
 }
 
 void VisionStatusPublisher::enterLocked(std::uint8_t state, const std::string& message) {
@@ -377,7 +434,7 @@ DiagnosticStatus VisionStatusPublisher::cameraStatus(double seconds) {
                                  : DiagnosticStatus::OK,
                  down || waits ? status_.message
                  : news        ? status_.last_fault
-                               : "pictures are received",
+                               : std::string(input_) + "s are received",
                  {{"pictures_hz", rateText(status_.pictures - reported_.pictures, seconds)},
                   {"pictures", std::to_string(status_.pictures)},
                   {"skipped", std::to_string(status_.skipped)}});

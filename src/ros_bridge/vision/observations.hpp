@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "helix_arm/ArmShape.h"
+#include "helix_arm/BodyPoses.h"
 #include "helix_arm/ModelError.h"
 #include "helix_arm/TagDetections.h"
 #include "helix_arm/VisionStatus.h"
@@ -82,12 +83,13 @@ class ModelHistory {
 /// of the PictureMeasurer: valid as long as its picture, until the next one is measured.
 struct Measurement {
   ros::Time stamp;  ///< of the picture
-  cv::Mat gray;     ///< (CV_8UC1)
+  cv::Mat gray;     ///< (CV_8UC1); empty without a camera
   const vision::Observation& observation;
   const estimation::ArmView& view;           ///< camera and tags that it was measured with
   const vision::LocalizerConfig& config;     ///< that it was measured with
   std::optional<ModelHistory::Entry> model;  ///< of the picture's time
   std::string calibration;                   ///< whose intrinsics were used
+  std::string frame;                         ///< of the poses; empty with a camera
 
   bool measured() const { return observation.state == vision::ObservationState::kMeasured; }
   /// Null where there is no model of the picture's time.
@@ -101,6 +103,7 @@ struct ObservationReport {
   /// to check; and the ids of tags that no fit can use.
   std::string account;
   TagDetections detections;         ///< camera frame; in the order of Observation::detections
+  std::optional<BodyPoses> bodies;  ///< absent with a camera
   std::optional<ArmShape> shape;    ///< base frame; only if measured
   std::optional<ModelError> error;  ///< measured shape less the model's; only if both are known
   std::string tip;                  ///< short text about the tip; empty unless measured
@@ -117,17 +120,19 @@ class VisionStatusPublisher {
   /// @param name         of the node, as in the names of the diagnostics.
   /// @param base_frame   of the arm; the markers' frame.
   /// @param source       of the pictures, in words.
+  /// @param of_bodies    sets of poses are received in place of pictures.
   /// @param stale_after  time without pictures [s].
   /// @param draw_period  [s].
   VisionStatusPublisher(ros::NodeHandle& node, const std::string& name,
                         const std::string& base_frame, const std::string& source,
-                        double stale_after = 1.0, double draw_period = 1.0);
+                        double stale_after = 1.0, double draw_period = 1.0, bool of_bodies = false);
 
   /// A picture has come.
   void arrived() HELIX_ARM_EXCLUDES(mutex_) {
     const basics::MutexLock lock(mutex_);
     last_arrival_ = ros::SteadyTime::now();
     source_fault_ = false;
+    refused_since_ = 0;
     ++status_.pictures;
   }
   /// A picture that waited was replaced by a newer one.
@@ -181,9 +186,15 @@ class VisionStatusPublisher {
     const basics::MutexLock lock(mutex_);
     const double silence = (ros::SteadyTime::now() - last_arrival_).toSec();
     if (silence < stale_after_ || status_.state == VisionStatus::ENDED) return;
+    if (of_bodies_ && refused_since_ > 0) {
+      return enterLocked(VisionStatus::CAMERA_FAULT, status_.last_fault);
+    }
     if (status_.pictures == 0 || source_fault_) return;
-    enterLocked(VisionStatus::STALE, "no picture was received for " + fixed(silence) +
-                                         " s: is the camera plugged in, and its node running?");
+    enterLocked(
+        VisionStatus::STALE,
+        std::string("no ") + input_ + " was received for " + fixed(silence) + " s: " +
+            (of_bodies_ ? "does the motion-capture system stream, and is its driver running?"
+                        : "is the camera plugged in, and its node running?"));
   }
   /// From now on no other state is entered. @param fault  enters camera_fault before; empty: none.
   void close(const std::string& fault = {}) HELIX_ARM_EXCLUDES(mutex_) {
@@ -223,6 +234,8 @@ class VisionStatusPublisher {
 
   const std::string node_name_;
   const double stale_after_;
+  const bool of_bodies_;
+  const char* const input_ = of_bodies_ ? "pose" : "picture";
 
   // Locked while publishing, too: the last message on a topic tells of the last state.
   basics::Mutex mutex_;
@@ -238,6 +251,7 @@ class VisionStatusPublisher {
   std::array<FaultCount, VisionStatus::ENDED + 1> states_ HELIX_ARM_GUARDED_BY(mutex_);
   bool closed_ HELIX_ARM_GUARDED_BY(mutex_) = false;
   bool source_fault_ HELIX_ARM_GUARDED_BY(mutex_) = false;     ///< of the webcam or file, last time
+  int refused_since_ HELIX_ARM_GUARDED_BY(mutex_) = 0;         ///< since the last arrival
   ros::SteadyTime last_arrival_ HELIX_ARM_GUARDED_BY(mutex_);  ///< of a picture
   ros::SteadyTime last_report_ HELIX_ARM_GUARDED_BY(mutex_);
   ros::Publisher status_publisher_ HELIX_ARM_GUARDED_BY(mutex_);

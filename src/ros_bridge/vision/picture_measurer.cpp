@@ -39,20 +39,38 @@ PictureMeasurer::PictureMeasurer(SceneLocalizer first, double stale_after,
 
 CheckedPicture<Measurement> PictureMeasurer::measure(const Picture& picture) {
   adoptNext();
+  if (const auto* bodies = std::get_if<BodySet>(&picture.content)) {
+    return measureBodies(picture.stamp, *bodies);
+  }
   CheckedPicture<cv::Mat> taken = take(picture);
   if (auto* refusal = std::get_if<PictureRefusal>(&taken)) return std::move(*refusal);
   const cv::Mat& gray = std::get<cv::Mat>(taken);
   follow(picture.stamp);
-  auto model = match(picture.stamp);
+  auto model = match(picture.stamp, patience_);
   if (model && frozen_watch_.isFrozen(gray, model::tipPose(model->shape).translation)) {
     return PictureRefusal{PictureFault::kSource,
                           "the camera sends the same picture again and again, although the model "
                           "has moved: it hangs; restart its node, or plug it in anew"};
   }
   const vision::Observation& observation = current_.localizer->locate(gray, start_);
-  return Measurement{
-      picture.stamp,    gray,        observation, current_.localizer->view(), current_.scene.vision,
-      std::move(model), calibration_};
+  return Measurement{picture.stamp,         gray,
+                     observation,           current_.localizer->view(),
+                     current_.scene.vision, std::move(model),
+                     calibration_,          {}};
+}
+
+Measurement PictureMeasurer::measureBodies(const ros::Time& stamp, const BodySet& bodies) {
+  follow(stamp);
+  auto model = match(stamp, std::chrono::milliseconds(0));
+  const vision::Observation& observation = current_.localizer->locate(bodies.poses, start_);
+  return Measurement{stamp,
+                     {},
+                     observation,
+                     current_.localizer->view(),
+                     current_.scene.vision,
+                     std::move(model),
+                     {},
+                     bodies.frame};
 }
 
 void PictureMeasurer::adopt(SceneLocalizer next) {
@@ -147,14 +165,15 @@ std::optional<PictureRefusal> PictureMeasurer::adoptCamera(const cv::Size& size)
   return std::nullopt;
 }
 
-std::optional<ModelHistory::Entry> PictureMeasurer::match(const ros::Time& stamp) {
+std::optional<ModelHistory::Entry> PictureMeasurer::match(const ros::Time& stamp,
+                                                          std::chrono::milliseconds patience) {
   basics::MutexLock lock(mutex_);
   const std::optional<double> ahead = models_.lag(stamp);
   models_.forgetFuture(stamp);
-  const bool waits = models_.mayGetNearer(stamp);
-  const auto due = steady_clock::now() + patience_;
+  const bool waits = patience.count() > 0 && models_.mayGetNearer(stamp);
+  const auto due = steady_clock::now() + patience;
   const bool in_time = changed_.waitUntil(lock, due, [&]() HELIX_ARM_REQUIRES(mutex_) {
-    return stop_ || !models_.mayGetNearer(stamp);
+    return stop_ || patience.count() == 0 || !models_.mayGetNearer(stamp);
   });
   const std::optional<double> behind = models_.lag(stamp), lag = behind ? behind : ahead;
   std::optional<ModelHistory::Entry> found = models_.nearest(stamp);

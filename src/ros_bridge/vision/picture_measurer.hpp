@@ -19,7 +19,7 @@
 
 namespace helix_arm::ros_bridge {
 
-/// A scene with camera and tags, and the localizer that looks for them.
+/// A scene that is seen, and the localizer of its tags or bodies.
 struct SceneLocalizer {
   io::Scene scene;
   std::unique_ptr<vision::ArmLocalizer> localizer;
@@ -67,9 +67,15 @@ class PictureMeasurer {
   /// Uses the camera that holds now, if it is of this size.
   std::optional<PictureRefusal> adoptCamera(const cv::Size& size);
 
-  /// The model nearest to the stamp, if there is one within ModelHistory::kReach. Waits for a
-  /// limited time while one that is yet to come may be nearer.
-  std::optional<ModelHistory::Entry> match(const ros::Time& stamp) HELIX_ARM_EXCLUDES(mutex_);
+  /// Poses come too often to wait for models.
+  Measurement measureBodies(const ros::Time& stamp, const BodySet& bodies)
+      HELIX_ARM_EXCLUDES(mutex_);
+
+  /// The model nearest to the stamp, if there is one within ModelHistory::kReach. Waits for at most
+  /// `patience` while one that is yet to come may be nearer.
+  std::optional<ModelHistory::Entry> match(const ros::Time& stamp,
+                                           std::chrono::milliseconds patience)
+      HELIX_ARM_EXCLUDES(mutex_);
 
   /// Forgets what a gap or a jump back in time makes useless.
   void follow(const ros::Time& stamp);

@@ -39,7 +39,7 @@ std::unique_ptr<vision::FrameSource> openFrames(const VisionOptions& options,
 std::string readSource(ParameterReader& reader) {
   const std::string source = reader.text("source", kTopicSource);
   std::vector<std::string> words = {kTopicSource, names::kImage, names::kCompressedImage,
-                                    kWebcamSource};
+                                    kWebcamSource, kPoseSource};
   // Words come first: image/compressed has a slash, and would count as a path.
   const bool is_word = std::find(words.begin(), words.end(), source) != words.end();
   std::error_code fault;  // counts as not there
@@ -49,6 +49,14 @@ std::string readSource(ParameterReader& reader) {
   }
   words.emplace_back("a path (with a / or a ., or of what is there)");
   return reader.choice("source", kTopicSource, words);
+}
+
+PoseOptions readPoses(ParameterReader& reader) {
+  PoseOptions out;
+  out.tf = reader.flag("tf", false);
+  out.topics = reader.text("topics", out.tf ? "NAME" : "mocap/NAME/pose");
+  out.together = reader.number("together_s", out.together, {0.0, 0.1});
+  return out;
 }
 
 PictureSource::PictureSource(ros::NodeHandle& node, const VisionOptions& options,
@@ -62,6 +70,12 @@ PictureSource::PictureSource(ros::NodeHandle& node, const VisionOptions& options
                   ", but the calibration of ~source ", options_.source,
                   " comes on camera_info; leave ~camera_info_url empty, or set ~source to webcam "
                   "or a file");
+  if (options_.fromBodies()) {
+    poses_.emplace(
+        node, options_.poses, *scene.tags, [this](Picture set) { arrived(std::move(set)); },
+        [this](const PictureRefusal& refusal) { status_.count(refusal); });
+    return;
+  }
   using Self = PictureSource;
   for (const char* topic : {names::kImage, names::kCompressedImage}) {
     const std::string name = node.resolveName(topic);

@@ -15,6 +15,7 @@
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/vision/frame_source.hpp"
 #include "observations.hpp"
+#include "pose_source.hpp"
 #include "ros_bridge/common/parameters.hpp"
 #include "ros_bridge/common/run_node.hpp"
 #include "ros_bridge/names.hpp"
@@ -22,16 +23,20 @@
 namespace helix_arm::ros_bridge {
 
 /// Value of ~source: one of these words, or the absolute path of a video, picture or folder.
-inline constexpr char kTopicSource[] = "topic", kWebcamSource[] = "webcam";
+inline constexpr char kTopicSource[] = "topic", kWebcamSource[] = "webcam", kPoseSource[] = "poses";
 std::string readSource(ParameterReader& reader);
+/// `~tf`, `~topics` and `~together_s`.
+PoseOptions readPoses(ParameterReader& reader);
 
 /// Private parameters of vision.
 struct VisionOptions {
   ParameterReader reader;
   std::string scene = reader.file("scene", "config/scenes", ".yaml");  ///< as pressure_command's
   /// `topic` (image and image/compressed, whichever speaks first), one of these two alone, `webcam`
-  /// (the scene's camera.webcam), or the path of a video, picture or folder.
+  /// (the scene's camera.webcam), or the path of a video, picture or folder; `poses` of the scene's
+  /// motion-capture bodies.
   std::string source = readSource(reader);
+  PoseOptions poses = readPoses(reader);
   bool use_camera_info = reader.flag("use_camera_info", true);  ///< else the scene's intrinsics
   std::string camera_info_url = reader.text("camera_info_url", "");    ///< of a webcam or file
   double file_rate = reader.number("file_rate", 15.0, {0.1, 1000.0});  ///< pictures of a file [Hz]
@@ -50,6 +55,8 @@ struct VisionOptions {
     reader.finish();
   }
 
+  /// Poses of bodies come in place of pictures.
+  bool fromBodies() const { return source == kPoseSource; }
   /// Pictures come from the scene's webcam.
   bool fromWebcam() const { return source == kWebcamSource; }
   /// Pictures come from a video, a picture or a folder.
@@ -63,7 +70,7 @@ struct VisionOptions {
 };
 
 /// Where pictures and the camera's calibration come from: the topics image, image/compressed and
-/// camera_info, or a webcam or file, read by a thread of its own.
+/// camera_info, or a webcam or file, read by a thread of its own. Or poses of bodies: PoseSource.
 ///
 /// The first of two picture topics to speak is used until it is silent for
 /// VisionOptions::stale_after. The latest picture replaces one that waits to be taken; files are
@@ -136,6 +143,7 @@ class PictureSource {
   mutable basics::Mutex mutex_;
   std::optional<CheckedPicture<estimation::Camera>> camera_info_ HELIX_ARM_GUARDED_BY(mutex_);
 
+  std::optional<PoseSource> poses_;  ///< used by callbacks only
   ros::Subscriber image_subscriber_, compressed_subscriber_, info_subscriber_;
   GuardedThread capturer_;
 };

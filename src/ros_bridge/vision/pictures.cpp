@@ -18,7 +18,8 @@ namespace {
 using basics::quoted;
 
 constexpr std::array<const char*, kPictureFaultCount> kNames = {
-    "bad_jpeg", "wrong_encoding", "wrong_size", "bad_camera_info", "bad_model", "source_faults"};
+    "bad_jpeg",  "wrong_encoding", "wrong_size", "bad_camera_info",
+    "bad_model", "source_faults",  "bad_poses"};
 
 constexpr int kAsItIs = -1;
 

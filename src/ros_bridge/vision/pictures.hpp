@@ -6,6 +6,7 @@
 #include <string>
 #include <utility>
 #include <variant>
+#include <vector>
 
 #include <opencv2/core.hpp>
 #include <ros/time.h>
@@ -15,6 +16,7 @@
 
 #include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/localization/body_check.hpp"
 #include "helix_arm/localization/camera.hpp"
 #include "helix_arm/vision/jpeg.hpp"
 
@@ -22,7 +24,7 @@
 /// the thread that measures. Messages are checked here; no other code trusts them.
 namespace helix_arm::ros_bridge {
 
-/// Why a picture, a camera_info or a model was refused.
+/// Why a picture, a camera_info, a model or a pose was refused.
 enum class PictureFault {
   kBadJpeg,
   kWrongEncoding,
@@ -30,8 +32,9 @@ enum class PictureFault {
   kBadCameraInfo,
   kBadModel,
   kSource,
+  kBadPose,
 };
-inline constexpr int kPictureFaultCount = 6;
+inline constexpr int kPictureFaultCount = 7;
 
 /// Name of a fault, as the fields of VisionStatus have it: `bad_jpeg`, `wrong_encoding`, ...
 const char* nameOf(PictureFault fault);
@@ -69,11 +72,18 @@ bool equal(const estimation::Camera& a, const estimation::Camera& b);
 /// `1280 x 720`.
 std::string sizeText(std::int64_t width, std::int64_t height);
 
-/// A picture as it came, not decoded yet.
+/// Poses of bodies at one time.
+struct BodySet {
+  std::vector<estimation::BodyPose> poses;
+  std::string frame;  ///< in which they are seen
+};
+
+/// A picture as it came, not decoded yet; or poses in place of one.
 struct Picture {
   ros::Time stamp;
   /// A cv::Mat is gray (CV_8UC1) and owns its memory.
-  std::variant<sensor_msgs::ImageConstPtr, sensor_msgs::CompressedImageConstPtr, cv::Mat> content;
+  std::variant<sensor_msgs::ImageConstPtr, sensor_msgs::CompressedImageConstPtr, cv::Mat, BodySet>
+      content;
 };
 
 /// Hands pictures from the threads that get them to the one that measures. It holds one picture: a

@@ -13,11 +13,15 @@ namespace {
 
 constexpr double kSilencePeriod = 0.05;  // [s]
 
-// Checks that the scene has a camera and tags.
+// Checks that the scene has a camera and tags, or bodies.
 io::Scene requireVision(io::Scene scene, const VisionOptions& options) {
   std::string missing;
-  if (!scene.camera) missing += "`camera`";
-  if (!scene.tags) missing += missing.empty() ? "`tags`" : " and `tags`";
+  if (options.fromBodies()) {
+    if (!scene.hasBodies()) missing = "`bodies`";
+  } else {
+    if (!scene.camera) missing += "`camera`";
+    if (!scene.tags || scene.hasBodies()) missing += missing.empty() ? "`tags`" : " and `tags`";
+  }
   if (!missing.empty()) {
     const std::string message = "scene " + scene.name + " has no " + missing + ": nothing to see";
     if (options.optional) throw NothingToDo(message);
@@ -52,9 +56,12 @@ VisionNode::VisionNode(const ros::NodeHandle& node, const ros::NodeHandle& priva
       scene_(requireVision(io::loadScene(options_.scene), options_)),
       node_(node),
       status_(node_, name_, frames_.base, options_.source, options_.stale_after,
-              1.0 / options_.draw_rate),
+              1.0 / options_.draw_rate, options_.fromBodies()),
       source_(node_, options_, scene_, status_),
       measurer_(SceneLocalizer(scene_), options_.stale_after, source_, status_) {
+  if (options_.fromBodies()) {
+    bodies_publisher_ = node_.advertise<BodyPoses>(names::kBodyPoses, 10);
+  }
   if (options_.publish_image) {
     image_publisher_ = node_.advertise<sensor_msgs::Image>(names::kImage, 2);
     info_publisher_ = node_.advertise<sensor_msgs::CameraInfo>(names::kCameraInfo, 2);
@@ -76,9 +83,12 @@ VisionNode::VisionNode(const ros::NodeHandle& node, const ros::NodeHandle& priva
     end();  // no destructor runs here, and those of the members wait for their threads
     throw;
   }
-  logInfo("%s: looks for %d tags of family %s, pictures from %s", scene_.name.c_str(),
-          static_cast<int>(scene_.tags->tags.size()), scene_.vision.detector.family.c_str(),
-          options_.source.c_str());
+  const int count = static_cast<int>(scene_.tags->tags.size());
+  const std::string seen = options_.fromBodies()
+                               ? " bodies, poses from " + options_.poses.topics
+                               : " tags of family " + scene_.vision.detector.family +
+                                     ", pictures from " + options_.source;
+  logInfo("%s: looks for %d%s", scene_.name.c_str(), count, seen.c_str());
 }
 
 int VisionNode::finish() {
@@ -120,6 +130,7 @@ void VisionNode::adopt(io::Scene next) {
 }
 
 void VisionNode::sendCameraFrame() {
+  if (options_.fromBodies()) return;  // the frame of the poses is their sender's
   static_tf_.sendTransform(
       worldTransform(frames_.world, options_.cameraFrame(), scene_.camera->X_WC));
 }
@@ -154,7 +165,8 @@ void VisionNode::measure(const Picture& picture) {
 }
 
 void VisionNode::publish(const Measurement& measurement) {
-  const std::string camera_frame = options_.cameraFrame();
+  const bool of_bodies = options_.fromBodies();
+  const std::string camera_frame = of_bodies ? measurement.frame : options_.cameraFrame();
   const ObservationReport report = reportOf(measurement, frames_.base, camera_frame);
   status_.saw(measurement, report);
   if (report.shape) measured_publisher_.publish(*report.shape);
@@ -164,6 +176,7 @@ void VisionNode::publish(const Measurement& measurement) {
     curve_frames_.send(fit.shape, measurement.stamp, fit.X_B0B);
   }
   detections_publisher_.publish(report.detections);
+  if (report.bodies) bodies_publisher_.publish(*report.bodies);
   const std_msgs::Header header = toHeaderMsg(measurement.stamp, camera_frame);
   if (info_publisher_ && info_publisher_.getNumSubscribers() > 0) {
     info_publisher_.publish(toCameraInfoMsg(header, measurement.view.camera));
@@ -172,7 +185,8 @@ void VisionNode::publish(const Measurement& measurement) {
   const ros::SteadyTime now = ros::SteadyTime::now();
   if (now - last_drawing_ < ros::WallDuration(kDrawingSlack / options_.draw_rate)) return;
   last_drawing_ = now;
-  send(overlay_publisher_, header, [&] { return drawOverlay(measurement, report); });
+  if (!of_bodies)
+    send(overlay_publisher_, header, [&] { return drawOverlay(measurement, report); });
   if (measurement.measured()) status_.drawMarkers(measurement, report.tip);
 }
 

@@ -94,6 +94,7 @@ class VisionNode : public Node {
                        error_publisher_ = node_.advertise<ModelError>(names::kModelError, 10),
                        overlay_publisher_ = node_.advertise<sensor_msgs::Image>(names::kOverlay, 1);
   ros::Publisher image_publisher_, info_publisher_;  ///< only with VisionOptions::publish_image
+  ros::Publisher bodies_publisher_;                  ///< only with VisionOptions::fromBodies()
   CurveFrames curve_frames_{frames_, "pictures are", "them"};
   ros::SteadyTime last_drawing_;
   FaultGuard picture_guard_{"a picture"};
