@@ -18,6 +18,7 @@ if(OpenCV_VERSION VERSION_LESS 4.7)  # they are in a contributed module
   set(helix_arm_markers aruco)
   find_package(OpenCV REQUIRED COMPONENTS aruco)
 endif()
+find_package(fcl 0.6 REQUIRED)
 find_package(Python3 REQUIRED COMPONENTS Interpreter Development)  # before pybind11, which takes what it finds
 find_package(pybind11 2.4 REQUIRED)
 find_package(Threads REQUIRED)

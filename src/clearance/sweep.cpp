@@ -1,0 +1,169 @@
+#include "helix_arm/clearance/sweep.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "helix_arm/basics/text.hpp"
+
+namespace helix_arm::clearance {
+namespace {
+
+constexpr double kLongestPart = 0.05;  // of the arm's length, between two looks
+constexpr double kCurved = 1.25;       // way of a place by the distance of its ends
+constexpr double kAwayMotion = 1e-3;   // between two looks at an arm that is too close [m]
+constexpr double kStepsPerLag = 4;
+constexpr double kArrived = 2e-3;  // of a channel's range
+
+}  // namespace
+
+std::string Blocked::text() const {
+  if (zone.empty()) return "passes pressures at which no shape balances the load";
+  return basics::format("comes within %.1f mm of %s; clearance_m asks for %.1f mm",
+                        1e3 * clearance, zone.c_str(), 1e3 * least);
+}
+
+struct SweepCheck::Look {
+  Eigen::VectorXd q;
+  std::optional<Clearance> clearance;
+  Eigen::Matrix3Xd marks;
+  Eigen::Vector3d tip;
+};
+
+SweepCheck::SweepCheck(const statics::ArmModel& model, const KeepOut& keep_out)
+    : model_(model),
+      clearance_(keep_out),
+      longest_(kLongestPart * model.arm().restLength()) {}
+
+SweepCheck::Look SweepCheck::look(const Eigen::VectorXd& q) const {
+  const Eigen::VectorXd inside = model_.arm().clamped(q);
+  const statics::Solution found = model_.solve(inside);
+  if (!found.converged()) return {inside, std::nullopt, {}, {}};
+  return {inside, clearance_.of(found.shape), clearance_.marks(found.shape), found.tip.translation};
+}
+
+std::optional<Clearance> SweepCheck::at(const model::InputRef& q) const {
+  const statics::Solution found = model_.solve(q);
+  if (!found.converged()) return std::nullopt;
+  return clearance_.of(found.shape);
+}
+
+bool SweepCheck::isClear(const model::InputRef& q) const {
+  const std::optional<Clearance> found = at(q);
+  return found && found->distance >= clearance_.keepOut().clearance;
+}
+
+// Goes along a motion, look by look, and stops before it is too close.
+class SweepCheck::Walk {
+ public:
+  Walk(const SweepCheck& check, const std::function<bool()>& stops, Look start)
+      : check_(check),
+        stops_(stops),
+        least_(check.clearance_.keepOut().clearance),
+        at_(std::move(start)) {
+    if (at_.clearance) allowed_ = std::min(least_, at_.clearance->distance);
+    escapes_ = allowed_ < least_;
+  }
+
+  /// Whether the arm begins too close.
+  bool escapes() const { return escapes_; }
+  const Look& here() const { return at_; }
+
+  /// Goes on to a look. @return whether all until there is clear.
+  bool to(const Look& next) {
+    if (stops_ && stops_()) return false;
+    if (!at_.clearance) return block(at_);
+    if (next.clearance && isClearUntil(next)) {
+      at_ = next;
+      if (allowed_ < least_) allowed_ = std::min(least_, std::max(allowed_, next.clearance->distance));
+      return true;
+    }
+    if (at_.marks.size() == next.marks.size() && motionTo(next) < kFinestMotion) return block(next);
+    if ((next.q - at_.q).isZero(0)) return block(next);
+    return to(check_.look(0.5 * (at_.q + next.q))) && to(next);
+  }
+
+  std::optional<Blocked> blocked() const { return blocked_; }
+  bool block(const Look& at) {
+    blocked_ = Blocked{};
+    blocked_->least = least_;
+    blocked_->input = at.q;
+    if (at.clearance) {
+      blocked_->zone = check_.clearance_.nameOf(at.clearance->zone);
+      blocked_->clearance = at.clearance->distance;
+    }
+    if (at_.clearance && at_.clearance->distance >= least_) {
+      blocked_->last_clear = at_.q;
+      blocked_->clear_tip = at_.tip;
+    }
+    return false;
+  }
+
+ private:
+  double motionTo(const Look& next) const {
+    return kCurved * (next.marks - at_.marks).colwise().norm().maxCoeff();
+  }
+  bool isClearUntil(const Look& next) const {
+    const double motion = motionTo(next), here = at_.clearance->distance;
+    const double there = next.clearance->distance;
+    if (allowed_ < least_) return motion <= kAwayMotion && there >= allowed_;
+    if (motion > check_.longest_) return false;
+    return std::min(here, there) >= least_ &&
+           (motion < kFinestMotion || here + there - motion >= 2 * least_);
+  }
+
+  const SweepCheck& check_;
+  const std::function<bool()>& stops_;
+  const double least_;
+  double allowed_ = 0.0;  // less than least_ as long as an arm that began too close still is
+  bool escapes_ = false;
+  Look at_;
+  std::optional<Blocked> blocked_;
+};
+
+std::optional<Blocked> SweepCheck::sweep(const std::vector<Eigen::VectorXd>& corners,
+                                         const std::function<bool()>& stops) const {
+  const Look start = look(corners.front());
+  Walk walk(*this, stops, start);
+  for (std::size_t i = 1; i < corners.size(); ++i) {
+    if (!walk.to(look(corners[i]))) return walk.blocked();
+  }
+  const Look& end = walk.here();
+  const bool stays = !end.clearance || (walk.escapes() && corners.size() > 1 &&
+                                        end.clearance->distance <= start.clearance->distance);
+  const bool rests = corners.size() == 1 && walk.escapes();
+  if (stays || rests) walk.block(end);
+  return walk.blocked();
+}
+
+std::vector<Eigen::VectorXd> pressuresOnTheWay(const std::vector<control::ChannelRules>& channels,
+                                               const control::SafetyRules& rules,
+                                               const Eigen::VectorXd& set_point,
+                                               const Eigen::VectorXd& pressure,
+                                               const Eigen::VectorXd& target) {
+  const double dt = std::min(rules.time_constant, rules.fallTimeConstant()) / kStepsPerLag;
+  Eigen::VectorXd set = set_point, now = pressure;
+  std::vector<Eigen::VectorXd> corners{pressure};
+  for (bool moves = true; moves;) {
+    moves = false;
+    bool far = false;  // from the last corner
+    for (Eigen::Index i = 0; i < now.size(); ++i) {
+      const control::ChannelRules& channel = channels[static_cast<std::size_t>(i)];
+      const double arrived = kArrived * (channel.limits.upper - channel.limits.lower);
+      const double most = channel.slew * dt;
+      const double step = std::clamp(target[i] - set[i], -most, most);
+      const double lag = set[i] + step < now[i] ? rules.fallTimeConstant() : rules.time_constant;
+      // The set point rises evenly, and the pressure follows it: exact for this step.
+      const double behind = step / dt * lag;
+      now[i] = set[i] + step - behind + (now[i] - set[i] + behind) * std::exp(-dt / lag);
+      set[i] += step;
+      moves = moves || std::abs(target[i] - now[i]) > arrived;
+      far = far || std::abs(now[i] - corners.back()[i]) > arrived;
+    }
+    if (far) corners.push_back(now);
+  }
+  corners.push_back(target);
+  return corners;
+}
+
+}  // namespace helix_arm::clearance
