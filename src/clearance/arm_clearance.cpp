@@ -15,8 +15,8 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr double kSag = 1e-3;        // largest distance of a span from its chord, at first [m]
-constexpr double kNearestSplit = 0.1;  // of a span, from its ends
+constexpr double kSag = 1e-3;           // largest distance of a span from its chord, at first [m]
+constexpr double kNearestSplit = 0.1;   // of a span, from its ends
 constexpr double kStepsPerRadius = 15;  // of the curve, against itself
 constexpr int kMostSteps = 400;
 constexpr int kMarks = 8;  // per section
@@ -27,9 +27,9 @@ struct Span {
   lie::Vector6 g;
   Vector3d begin, end;
   double radius;
-  double arc, length;   // from the base to its begin; its own [m]
-  double sag = 0.0;     // largest distance from its chord [m]
-  double turn = 0.0;    // of the tangent [rad]
+  double arc, length;  // from the base to its begin; its own [m]
+  double sag = 0.0;    // largest distance from its chord [m]
+  double turn = 0.0;   // of the tangent [rad]
   bool straight = false;
 
   Vector3d at(double t) const {
@@ -200,8 +200,7 @@ void lookAtSelf(const std::vector<Span>& spans, int zone, Clearance& best) {
     while (first < places.size() && places[first].turn < one.turn + basics::kPi) ++first;
     for (std::size_t j = first; j < places.size(); ++j) {
       const Turned& other = places[j];
-      const double distance =
-          (one.place - other.place).norm() - one.radius - other.radius;
+      const double distance = (one.place - other.place).norm() - one.radius - other.radius;
       if (distance < best.distance) best = {distance, zone, other.place};
     }
   }
@@ -265,7 +264,8 @@ Clearance ArmClearance::of(const model::Shape& shape) const {
     const Eigen::Isometry3d at = isometryOf(body.X_BT * keep_out.tool->X_TB);
     for (const auto& [away, zone] : order) {
       const Obstacle& obstacle = obstacles[static_cast<std::size_t>(zone)];
-      if (obstacle.atLeast(at.translation()) - bodies_->tool->aabb_radius >= best.distance) continue;
+      if (obstacle.atLeast(at.translation()) - bodies_->tool->aabb_radius >= best.distance)
+        continue;
       const double distance = obstacle.of(*bodies_->tool, at);
       if (distance < best.distance) best = {distance, zone, at.translation()};
     }

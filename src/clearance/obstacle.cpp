@@ -50,8 +50,8 @@ const fcl::Sphered kPoint(0.0);
 
 // By closed forms; FCL leaves what lies inside to its caller.
 template <class Shape>
-Obstacle::Distance fromShape(const fcl::CollisionGeometryd& geometry,
-                             const Eigen::Isometry3d& X_BZ, const Vector3d& place) {
+Obstacle::Distance fromShape(const fcl::CollisionGeometryd& geometry, const Eigen::Isometry3d& X_BZ,
+                             const Vector3d& place) {
   const fcl::detail::GJKSolver_libccd<double> solver;
   double distance = 0;
   Vector3d own, nearest;
@@ -93,8 +93,7 @@ Obstacle::Distance Obstacle::of(const Vector3d& place) const {
   }
   fcl::DistanceResultd result;
   const Eigen::Isometry3d at(Eigen::Translation3d(place.x(), place.y(), place.z()));
-  const double distance =
-      fcl::distance(geometry_.get(), X_BZ_, &kPoint, at, request(), result);
+  const double distance = fcl::distance(geometry_.get(), X_BZ_, &kPoint, at, request(), result);
   return {std::max(distance, 0.0), Vector3d::Zero()};
 }
 

@@ -19,8 +19,8 @@ constexpr double kArrived = 2e-3;  // of a channel's range
 
 std::string Blocked::text() const {
   if (zone.empty()) return "passes pressures at which no shape balances the load";
-  return basics::format("comes within %.1f mm of %s; clearance_m asks for %.1f mm",
-                        1e3 * clearance, zone.c_str(), 1e3 * least);
+  return basics::format("comes within %.1f mm of %s; clearance_m asks for %.1f mm", 1e3 * clearance,
+                        zone.c_str(), 1e3 * least);
 }
 
 struct SweepCheck::Look {
@@ -31,9 +31,7 @@ struct SweepCheck::Look {
 };
 
 SweepCheck::SweepCheck(const statics::ArmModel& model, const KeepOut& keep_out)
-    : model_(model),
-      clearance_(keep_out),
-      longest_(kLongestPart * model.arm().restLength()) {}
+    : model_(model), clearance_(keep_out), longest_(kLongestPart * model.arm().restLength()) {}
 
 SweepCheck::Look SweepCheck::look(const Eigen::VectorXd& q) const {
   const Eigen::VectorXd inside = model_.arm().clamped(q);
@@ -56,10 +54,11 @@ bool SweepCheck::isClear(const model::InputRef& q) const {
 // Goes along a motion, look by look, and stops before it is too close.
 class SweepCheck::Walk {
  public:
-  Walk(const SweepCheck& check, const std::function<bool()>& stops, Look start)
+  Walk(const SweepCheck& check, double nearer, const std::function<bool()>& stops, Look start)
       : check_(check),
+        nearer_(nearer),
         stops_(stops),
-        least_(check.clearance_.keepOut().clearance),
+        least_(check.clearance_.keepOut().clearance + nearer),
         at_(std::move(start)) {
     if (at_.clearance) allowed_ = std::min(least_, at_.clearance->distance);
     escapes_ = allowed_ < least_;
@@ -75,7 +74,8 @@ class SweepCheck::Walk {
     if (!at_.clearance) return block(at_);
     if (next.clearance && isClearUntil(next)) {
       at_ = next;
-      if (allowed_ < least_) allowed_ = std::min(least_, std::max(allowed_, next.clearance->distance));
+      if (allowed_ < least_)
+        allowed_ = std::min(least_, std::max(allowed_, next.clearance->distance));
       return true;
     }
     if (at_.marks.size() == next.marks.size() && motionTo(next) < kFinestMotion) return block(next);
@@ -86,11 +86,11 @@ class SweepCheck::Walk {
   std::optional<Blocked> blocked() const { return blocked_; }
   bool block(const Look& at) {
     blocked_ = Blocked{};
-    blocked_->least = least_;
+    blocked_->least = least_ - nearer_;
     blocked_->input = at.q;
     if (at.clearance) {
       blocked_->zone = check_.clearance_.nameOf(at.clearance->zone);
-      blocked_->clearance = at.clearance->distance;
+      blocked_->clearance = at.clearance->distance - nearer_;
     }
     if (at_.clearance && at_.clearance->distance >= least_) {
       blocked_->last_clear = at_.q;
@@ -113,6 +113,7 @@ class SweepCheck::Walk {
   }
 
   const SweepCheck& check_;
+  const double nearer_;
   const std::function<bool()>& stops_;
   const double least_;
   double allowed_ = 0.0;  // less than least_ as long as an arm that began too close still is
@@ -121,10 +122,10 @@ class SweepCheck::Walk {
   std::optional<Blocked> blocked_;
 };
 
-std::optional<Blocked> SweepCheck::sweep(const std::vector<Eigen::VectorXd>& corners,
+std::optional<Blocked> SweepCheck::sweep(const std::vector<Eigen::VectorXd>& corners, double nearer,
                                          const std::function<bool()>& stops) const {
   const Look start = look(corners.front());
-  Walk walk(*this, stops, start);
+  Walk walk(*this, nearer, stops, start);
   for (std::size_t i = 1; i < corners.size(); ++i) {
     if (!walk.to(look(corners[i]))) return walk.blocked();
   }
@@ -136,34 +137,85 @@ std::optional<Blocked> SweepCheck::sweep(const std::vector<Eigen::VectorXd>& cor
   return walk.blocked();
 }
 
+namespace {
+
+// Pressures that follow their set points, and the corners of their way.
+class Follower {
+ public:
+  Follower(const std::vector<control::ChannelRules>& channels, const control::SafetyRules& rules,
+           const Eigen::VectorXd& set_point, const Eigen::VectorXd& pressure)
+      : rules_(rules), set_(set_point), now_(pressure), corners_{pressure} {
+    arrived_.resize(set_.size());
+    for (Eigen::Index i = 0; i < set_.size(); ++i) {
+      const model::Range& limits = channels[static_cast<std::size_t>(i)].limits;
+      arrived_[i] = kArrived * (limits.upper - limits.lower);
+    }
+  }
+  double step() const {
+    return std::min(rules_.time_constant, rules_.fallTimeConstant()) / kStepsPerLag;
+  }
+  const Eigen::VectorXd& setPoint() const { return set_; }
+
+  /// Moves on by a time [s], in which the set points go to these at an even rate: exact, except
+  /// where a pressure that falls begins to rise.
+  void go(double dt, const Eigen::VectorXd& set_point) {
+    for (Eigen::Index i = 0; i < now_.size(); ++i) {
+      const double lag = set_point[i] < now_[i] ? rules_.fallTimeConstant() : rules_.time_constant;
+      const double behind = (set_point[i] - set_[i]) / dt * lag;
+      now_[i] = set_point[i] - behind + (now_[i] - set_[i] + behind) * std::exp(-dt / lag);
+    }
+    set_ = set_point;
+    const auto far = (now_ - corners_.back()).cwiseAbs().array() > arrived_.array();
+    if (far.any()) corners_.push_back(now_);
+  }
+  bool isAt(const Eigen::VectorXd& target) const {
+    return ((target - now_).cwiseAbs().array() <= arrived_.array()).all();
+  }
+  std::vector<Eigen::VectorXd> endAt(const Eigen::VectorXd& target) {
+    corners_.push_back(target);
+    return std::move(corners_);
+  }
+
+ private:
+  const control::SafetyRules& rules_;
+  Eigen::VectorXd set_, now_, arrived_;
+  std::vector<Eigen::VectorXd> corners_;
+};
+
+}  // namespace
+
 std::vector<Eigen::VectorXd> pressuresOnTheWay(const std::vector<control::ChannelRules>& channels,
                                                const control::SafetyRules& rules,
                                                const Eigen::VectorXd& set_point,
                                                const Eigen::VectorXd& pressure,
                                                const Eigen::VectorXd& target) {
-  const double dt = std::min(rules.time_constant, rules.fallTimeConstant()) / kStepsPerLag;
-  Eigen::VectorXd set = set_point, now = pressure;
-  std::vector<Eigen::VectorXd> corners{pressure};
-  for (bool moves = true; moves;) {
-    moves = false;
-    bool far = false;  // from the last corner
-    for (Eigen::Index i = 0; i < now.size(); ++i) {
-      const control::ChannelRules& channel = channels[static_cast<std::size_t>(i)];
-      const double arrived = kArrived * (channel.limits.upper - channel.limits.lower);
-      const double most = channel.slew * dt;
-      const double step = std::clamp(target[i] - set[i], -most, most);
-      const double lag = set[i] + step < now[i] ? rules.fallTimeConstant() : rules.time_constant;
-      // The set point rises evenly, and the pressure follows it: exact for this step.
-      const double behind = step / dt * lag;
-      now[i] = set[i] + step - behind + (now[i] - set[i] + behind) * std::exp(-dt / lag);
-      set[i] += step;
-      moves = moves || std::abs(target[i] - now[i]) > arrived;
-      far = far || std::abs(now[i] - corners.back()[i]) > arrived;
+  Follower follower(channels, rules, set_point, pressure);
+  while (!follower.isAt(target)) {
+    Eigen::VectorXd next = follower.setPoint();
+    for (Eigen::Index i = 0; i < next.size(); ++i) {
+      const double most = channels[static_cast<std::size_t>(i)].slew * follower.step();
+      next[i] += std::clamp(target[i] - next[i], -most, most);
     }
-    if (far) corners.push_back(now);
+    follower.go(follower.step(), next);
   }
-  corners.push_back(target);
-  return corners;
+  return follower.endAt(target);
+}
+
+std::vector<Eigen::VectorXd> pressuresBehind(const std::vector<control::ChannelRules>& channels,
+                                             const control::SafetyRules& rules,
+                                             const std::vector<double>& times,
+                                             const std::vector<Eigen::VectorXd>& set_points) {
+  Follower follower(channels, rules, set_points.front(), set_points.front());
+  for (std::size_t i = 1; i < times.size(); ++i) {
+    const double whole = times[i] - times[i - 1];
+    const double count = std::ceil(whole / follower.step());
+    for (double k = 1; k <= count; ++k) {
+      follower.go(whole / count,
+                  set_points[i - 1] + k / count * (set_points[i] - set_points[i - 1]));
+    }
+  }
+  while (!follower.isAt(set_points.back())) follower.go(follower.step(), set_points.back());
+  return follower.endAt(set_points.back());
 }
 
 }  // namespace helix_arm::clearance

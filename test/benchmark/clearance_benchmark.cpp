@@ -32,7 +32,8 @@ const std::vector<Case>& cases() {
     while (out.size() < kShapes) {
       model::Twists twists(6, 2);
       for (int k = 0; k < 2; ++k) {
-        twists.col(k) << random.uniform(0.15, 0.2), 0, 0, random.uniform(0, 1.5) * random.direction<3>();
+        twists.col(k) << random.uniform(0.15, 0.2), 0, 0,
+            random.uniform(0, 1.5) * random.direction<3>();
       }
       KeepOut keep_out;
       keep_out.radii = {kRadius, kRadius};
@@ -78,7 +79,8 @@ double capsuleClearance(const Case& one) {
     const Eigen::Vector3d a = curve[k].X.translation, b = curve[k + 1].X.translation;
     const fcl::Capsuled capsule(kRadius, (b - a).norm());
     Eigen::Isometry3d at(Eigen::Translation3d((a + b) / 2));
-    at.linear() = Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d::UnitZ(), b - a).toRotationMatrix();
+    at.linear() =
+        Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d::UnitZ(), b - a).toRotationMatrix();
     for (const Zone& zone : one.keep_out.zones) {
       Eigen::Isometry3d there(Eigen::Translation3d(zone.X_WZ.translation));
       there.linear() = zone.X_WZ.rotation;

@@ -1,7 +1,5 @@
 // Distances of an arm's body from zones, the tool and itself: against dense sampling of the
 // definitions.
-#include "helix_arm/clearance/arm_clearance.hpp"
-
 #include <cmath>
 #include <limits>
 #include <memory>
@@ -11,6 +9,7 @@
 
 #include "clearance/random_zones.hpp"
 #include "helix_arm/basics/pi.hpp"
+#include "helix_arm/clearance/arm_clearance.hpp"
 #include "support/test_size.hpp"
 
 namespace helix_arm::clearance {
@@ -60,7 +59,8 @@ TEST_P(DistanceFromZone, IsThatOfDenselySampledPlaces) {
     }
     EXPECT_EQ(found.distance < 0, expected < 0);
     const Zone& nearest = keep_out.zones[static_cast<std::size_t>(found.zone)];
-    EXPECT_LE(test::distanceFrom(nearest, keep_out.X_WB * found.place), found.distance + 0.03 + 1e-9);
+    EXPECT_LE(test::distanceFrom(nearest, keep_out.X_WB * found.place),
+              found.distance + 0.03 + 1e-9);
   }
   EXPECT_GT(near, 3);
   EXPECT_GT(touching, 0);
@@ -129,8 +129,7 @@ TEST(Clearance, OfAToolIsThatOfItsSurface) {
     zone.X_WZ.translation += tip.translation + 0.12 * (tip.rotation.col(0));
     double expected = test::denseClearance(keep_out, shape, 1000);
     for (const Vector3d& place : surfaceOf(keep_out.tool->form)) {
-      expected = std::min(expected,
-                          test::distanceFrom(zone, tip * (keep_out.tool->X_TB * place)));
+      expected = std::min(expected, test::distanceFrom(zone, tip * (keep_out.tool->X_TB * place)));
     }
     // A surface of places is farther away than what lies between them.
     const double found = ArmClearance(keep_out).of(shape).distance;

@@ -34,8 +34,8 @@ inline clearance::Mesh boxMesh(const Eigen::Vector3d& size) {
   return mesh;
 }
 
-inline clearance::Zone randomZone(Random& random, double size, double farthest,
-                                  int kind, const std::string& name) {
+inline clearance::Zone randomZone(Random& random, double size, double farthest, int kind,
+                                  const std::string& name) {
   const auto edge = [&] { return random.uniform(0.1, 1.0) * size; };
   const auto draw = [&]() -> clearance::Form {
     if (kind == 0) return clearance::Box{{edge(), edge(), edge()}};

@@ -28,7 +28,7 @@ struct HalfSpace {};
 /// A surface of triangles. What it encloses is kept out only as far as it cannot be entered.
 struct Mesh {
   std::string file;
-  std::vector<Eigen::Vector3d> corners;      ///< [m]
+  std::vector<Eigen::Vector3d> corners;       ///< [m]
   std::vector<std::array<int, 3>> triangles;  ///< indices of corners
 };
 using Form = std::variant<Box, Cylinder, Sphere, HalfSpace, Mesh>;

@@ -50,8 +50,9 @@ class SweepCheck {
 
   /// The first place at which a motion is too close; none if all of it is clear.
   /// @param corners  (n) inputs that are joined by straight lines; at least one.
+  /// @param nearer   by how much the arm is closer to the zones than its model says, >= 0 [m].
   /// @param stops    asked at every look, may be empty; true ends the check, with none.
-  std::optional<Blocked> sweep(const std::vector<Eigen::VectorXd>& corners,
+  std::optional<Blocked> sweep(const std::vector<Eigen::VectorXd>& corners, double nearer = 0.0,
                                const std::function<bool()>& stops = {}) const;
 
  private:
@@ -74,5 +75,14 @@ std::vector<Eigen::VectorXd> pressuresOnTheWay(const std::vector<control::Channe
                                                const Eigen::VectorXd& set_point,
                                                const Eigen::VectorXd& pressure,
                                                const Eigen::VectorXd& target);
+
+/// Pressures behind set points that go from corner to corner, at an even rate between their times.
+///
+/// @param times  ascending [s]. @param set_points  (n) at these times [Pa].
+/// @return corners, from the first set points to the last.
+std::vector<Eigen::VectorXd> pressuresBehind(const std::vector<control::ChannelRules>& channels,
+                                             const control::SafetyRules& rules,
+                                             const std::vector<double>& times,
+                                             const std::vector<Eigen::VectorXd>& set_points);
 
 }  // namespace helix_arm::clearance

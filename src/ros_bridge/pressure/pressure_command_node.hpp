@@ -12,6 +12,7 @@
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/regulator/guard_process.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
+#include "keep_out_gate.hpp"
 #include "model_server.hpp"
 #include "pressure_command_options.hpp"
 #include "pressure_loop.hpp"
@@ -75,6 +76,7 @@ class PressureCommandNode : public Node {
   DiagnosticsPublisher diagnostics_{node_};
   const LoopWatch watched_{node_};
   ShapePublisher shapes_;
+  KeepOutGate gate_;                                ///< of loop_
   std::shared_ptr<regulator::GuardProcess> guard_;  ///< of hardware
   PressureLoop loop_;                               ///< its readings go to shapes_
   TargetIntake intake_;
