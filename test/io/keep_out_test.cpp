@@ -53,10 +53,11 @@ TEST(KeepOut, IsAbsentUnlessAskedFor) {
 }
 
 TEST(KeepOut, AToolMayHaveABody) {
-  const Scene scene = sceneOf(
-      kSpatialScene + kZones,
-      {{"arm.tool", "{position_m: [0.1, 0, 0], body: {cylinder: {radius_m: 0.01, length_m: 0.1, "
-                    "position_m: [-0.05, 0, 0], rpy_deg: [0, 90, 0]}}}"}});
+  const Scene scene =
+      sceneOf(kSpatialScene + kZones,
+              {{"arm.tool",
+                "{position_m: [0.1, 0, 0], body: {cylinder: {radius_m: 0.01, length_m: 0.1, "
+                "position_m: [-0.05, 0, 0], rpy_deg: [0, 90, 0]}}}"}});
   ASSERT_TRUE(scene.keep_out->tool);
   EXPECT_EQ(std::get<clearance::Cylinder>(scene.keep_out->tool->form).length, 0.1);
   EXPECT_EQ(scene.keep_out->tool->X_TB.translation, Eigen::Vector3d(-0.05, 0, 0));
