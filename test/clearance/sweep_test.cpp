@@ -16,7 +16,7 @@ namespace {
 
 using Eigen::VectorXd;
 
-// Arms of each kind: planar, helical under load, two sections in series.
+// Arms of each kind: two sections in their plane, a helical one under load and without.
 statics::ArmModel armOfKind(int kind) {
   if (kind == 0) {
     const model::PlanarArm plane = test::planarArm(2);
@@ -52,9 +52,12 @@ KeepOut randomScene(const statics::ArmModel& model, const VectorXd& at, test::Ra
   keep_out.radii.assign(static_cast<std::size_t>(sections), 0.02);
   const int count = random.integer(1, 6);
   for (int tries = 0; tries < 30 && static_cast<int>(keep_out.zones.size()) < count; ++tries) {
-    keep_out.zones.push_back(test::randomZone(random, 0.1, 1.5 * model.arm().restLength(),
-                                              random.integer(0, 2), "post"));
-    keep_out.zones.back().X_WZ = keep_out.X_WB * keep_out.zones.back().X_WZ;
+    // About a place that the arm passes at another input.
+    const model::Shape shape = model.solve(drawInput(model.arm(), random)).shape;
+    clearance::Zone zone = test::randomZone(random, 0.08, 0.03, random.integer(0, 2), "post");
+    zone.X_WZ.translation += model::poseAt(shape, sections - 1, random.uniform(0, 1)).translation;
+    zone.X_WZ = keep_out.X_WB * zone.X_WZ;
+    keep_out.zones.push_back(zone);
     if (!SweepCheck(model, keep_out).isClear(at)) keep_out.zones.pop_back();
   }
   return keep_out;
