@@ -30,7 +30,7 @@ set(below_procedures "${below_io/data}|io/data|response")
 set(below_bag "${below_procedures}|procedures|ros_bridge")  # whose names it uses
 set(below_ros_bridge "")  # names alone
 set(below_ros_bridge/common "${below_procedures}|procedures|ros_bridge")
-set(below_ros_bridge/pressure "${below_ros_bridge/common}|ros_bridge/common")
+set(below_ros_bridge/pressure "${below_ros_bridge/common}|ros_bridge/common|planning")
 set(below_ros_bridge/vision "${below_ros_bridge/pressure}")
 set(below_ros_bridge/follow "${below_ros_bridge/pressure}|ros_bridge/pressure")
 set(below_ros_bridge/tools "${below_ros_bridge/pressure}|ros_bridge/pressure|ros_bridge/vision")

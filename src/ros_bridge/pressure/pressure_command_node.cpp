@@ -80,6 +80,7 @@ PressureCommandNode::PressureCommandNode()
           }),
       intake_(node_, scene_, shapes_.baseFrame(), shapes_.response(), loop_, gate_),
       model_server_(ros::NodeHandle("~"), scene_.model),
+      plan_server_(ros::NodeHandle("~"), scene_, shapes_.baseFrame(), loop_),
       reload_(ros::NodeHandle("~"), options_.scene, options_.scene_folder,
               [this](io::Scene next) { adopt(std::move(next)); }) {
   using Self = PressureCommandNode;
@@ -176,6 +177,7 @@ void PressureCommandNode::adopt(io::Scene next) {
   gate_.adopt();
   intake_.adopt();
   model_server_.adopt(scene_.model);
+  plan_server_.adopt(scene_);
   tellTier();
   shapes_.adopt();
 }

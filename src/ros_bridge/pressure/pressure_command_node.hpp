@@ -14,6 +14,7 @@
 #include "helix_arm/regulator/regulator_io.hpp"
 #include "keep_out_gate.hpp"
 #include "model_server.hpp"
+#include "plan_server.hpp"
 #include "pressure_command_options.hpp"
 #include "pressure_loop.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
@@ -81,6 +82,7 @@ class PressureCommandNode : public Node {
   PressureLoop loop_;                               ///< its readings go to shapes_
   TargetIntake intake_;
   ModelServer model_server_;
+  PlanServer plan_server_;
   ReloadServer reload_;
   ros::SteadyTimer draw_timer_, diagnose_timer_;
 };
