@@ -20,6 +20,7 @@ LONGEST_STEP = 0.1  # of procedures::CalibrationRun [s]
 
 class CalibrationRig(CommanderCase):
     RIG = {}  # what of `simulation` is not as in the demo
+    SCENE = {}  # and of the scene of the nodes
     PERIOD = 0.07  # 0.2 s of the rig
 
     def setUp(self):
@@ -29,7 +30,7 @@ class CalibrationRig(CommanderCase):
         demo = SOURCE + "/config/scenes/demo.yaml"
         folders = ["_%s_folder:=%s" % (kind, tempfile.gettempdir()) for kind in ("scene", "data", "out")]
         true = self.scene_with(demo, {"simulation." + key: value for key, value in self.RIG.items()})
-        scene = "_scene:=" + self.scene_with(demo, {"safety.target_timeout_s": 3, "safety.reading_timeout_s": 1})
+        scene = "_scene:=" + self.scene_with(demo, {"safety.target_timeout_s": 3, "safety.reading_timeout_s": 1, **self.SCENE})
         self.rig = self.run_node("simulated_rig", "_scene:=" + true, "_time_factor:=3", "_camera_rate:=8", "_command_timeout_s:=5")
         self.commander = self.run_node("pressure_command", scene, folders[0], "_regulator:=topic", "_auto_enable:=true", "_rate:=50")
         self.run_node("vision", scene, folders[0], "_source:=image", "_stale_after_s:=30")
