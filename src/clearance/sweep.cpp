@@ -202,16 +202,14 @@ std::vector<Eigen::VectorXd> pressuresOnTheWay(const std::vector<control::Channe
 }
 
 std::vector<Eigen::VectorXd> pressuresBehind(const std::vector<control::ChannelRules>& channels,
-                                             const control::SafetyRules& rules,
-                                             const std::vector<double>& times,
+                                             const control::SafetyRules& rules, double every,
                                              const std::vector<Eigen::VectorXd>& set_points) {
   Follower follower(channels, rules, set_points.front(), set_points.front());
-  for (std::size_t i = 1; i < times.size(); ++i) {
-    const double whole = times[i] - times[i - 1];
-    const double count = std::ceil(whole / follower.step());
+  const double count = std::ceil(every / follower.step());
+  for (std::size_t i = 1; i < set_points.size(); ++i) {
+    const Eigen::VectorXd way = set_points[i] - set_points[i - 1];
     for (double k = 1; k <= count; ++k) {
-      follower.go(whole / count,
-                  set_points[i - 1] + k / count * (set_points[i] - set_points[i - 1]));
+      follower.go(every / count, set_points[i - 1] + k / count * way);
     }
   }
   while (!follower.isAt(set_points.back())) follower.go(follower.step(), set_points.back());

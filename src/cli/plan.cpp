@@ -1,7 +1,6 @@
 // A way of the pressures around the scene's zones, as a table that pressure_series and follow play.
 #include <cmath>
 #include <iostream>
-#include <limits>
 #include <memory>
 #include <sstream>
 
@@ -20,109 +19,85 @@ using nlohmann::json;
 constexpr model::Range kLongest{1e-3, 3600}, kEvery{1e-3, 10};
 
 struct PlanArguments {
-  std::string scene, from_kpa, from, to_kpa, to, tip, out;
+  std::string scene, from_kpa, to_kpa, tip, out;
   double every = 0.1, longest = 5.0;
   std::uint32_t seed = 1;
 };
 
-// A row of the table.
-struct PlanRow {
-  double time;
-  Eigen::VectorXd pressure;
-  Eigen::Vector3d tip;
-  clearance::Clearance clearance;
-};
-
-std::vector<PlanRow> rowsOf(const io::Scene& scene, const planning::PressurePlanner& planner,
-                            const planning::TimedPath& path, double every) {
-  std::vector<PlanRow> rows;
-  const auto count = static_cast<int>(std::lround(path.times.back() / every));
-  for (int k = 0; k <= count; ++k) {
-    const Eigen::VectorXd q = scene.arm.clamped(path.at(k * every));
-    const statics::Solution at = scene.model.solve(q);
-    rows.push_back({k * every, q, at.tip.translation, planner.check().clearance().of(at.shape)});
-  }
-  return rows;
-}
-
-std::string csvOf(const io::Scene& scene, const std::vector<PlanRow>& rows, double every) {
+std::string csvOf(const io::Scene& scene, const planning::Plan& plan, double every) {
   std::ostringstream out;
   out << "# A way of scene " << scene.name << " around its zones, a row every " << every
       << " s: pressure_series plays it with _ramp_s:=" << every << " _hold_s:=0.\n";
-  for (const PlanRow& row : rows) {
+  for (const planning::PlanRow& row : plan.rows) {
     CsvTable::Row cells{{"time_s", exact(row.time)}};
     for (Eigen::Index i = 0; i < row.pressure.size(); ++i) {
       cells.emplace_back("pressure_" + std::to_string(i + 1) + "_kpa",
                          exact(row.pressure[i] / 1e3));
     }
     const char* const axes[] = {"x_m", "y_m", "z_m"};
-    for (int axis = 0; axis < 3; ++axis) cells.emplace_back(axes[axis], exact(row.tip[axis]));
-    cells.emplace_back("clearance_m", std::isfinite(row.clearance.distance)
-                                          ? exact(row.clearance.distance)
-                                          : std::string());
-    if (&row == &rows.front()) CsvTable::printNames(cells, out);
+    for (int axis = 0; axis < 3; ++axis) {
+      cells.emplace_back(axes[axis], exact(row.tip.translation[axis]));
+    }
+    const double clearance = row.clearance.distance;
+    cells.emplace_back("clearance_m", std::isfinite(clearance) ? exact(clearance) : "");
+    if (&row == &plan.rows.front()) CsvTable::printNames(cells, out);
     CsvTable::printValues(cells, out);
   }
   return out.str();
 }
 
 json reportOf(const io::Scene& scene, const PlanArguments& arguments, const planning::Plan& plan,
-              const planning::PressurePlanner& planner, const std::vector<PlanRow>& rows) {
+              const clearance::ArmClearance& zones) {
   clearance::Clearance least;
-  for (const PlanRow& row : rows) {
-    if (row.clearance.distance < least.distance) least = row.clearance;
-  }
+  if (plan.found()) least = plan.nearest().clearance;
+  const json rows = listJson(plan.rows, [](const planning::PlanRow& row) -> json {
+    return {{"time_s", row.time},
+            {"pressure_pa", toJson(row.pressure)},
+            {"tip_m", toJson(row.tip.translation)},
+            {"clearance_m", finite(row.clearance.distance)}};
+  });
   return {{"scene", scene.name},
-          {"found", plan.path.has_value()},
+          {"found", plan.found()},
           {"reason", textOrNull(plan.reason)},
           {"seconds", plan.seconds},
-          {"duration_s", rows.empty() ? json() : json(rows.back().time)},
+          {"duration_s", plan.found() ? json(plan.rows.back().time) : json()},
           {"clearance_m", finite(least.distance)},
-          {"zone", textOrNull(planner.check().clearance().nameOf(least.zone))},
-          {"rows", listJson(rows,
-                            [](const PlanRow& row) -> json {
-                              return {{"time_s", row.time},
-                                      {"pressure_pa", toJson(row.pressure)},
-                                      {"tip_m", toJson(row.tip)},
-                                      {"clearance_m", finite(row.clearance.distance)}};
-                            })},
-          {"out", textOrNull(arguments.out)}};
+          {"zone", textOrNull(zones.nameOf(least.zone))},
+          {"rows", rows},
+          {"out", plan.found() ? textOrNull(arguments.out) : json()}};
 }
 
 int run(const PlanArguments& arguments, const GlobalOptions& global) {
-  const bool to_pressures = !arguments.to_kpa.empty() || !arguments.to.empty();
-  refuseIf(to_pressures == !arguments.tip.empty(), "give exactly one goal: --to-kpa or --tip");
+  refuseIf(arguments.to_kpa.empty() == arguments.tip.empty(),
+           "give exactly one goal: --to-kpa or --tip");
   const io::Scene scene = loadScene(arguments.scene, global);
   refuseIf(!scene.keep_out, "scene ", scene.name,
            " has no zones to plan around; add the key keep_out");
   refuseIf(hasTendon(scene.arm), "scene ", scene.name, " has tendons; plan is for pressures alone");
   if (!arguments.out.empty()) const io::AtomicFile trial(arguments.out);
-  const Eigen::VectorXd from =
-      inputsOf(scene, "--from-kpa", arguments.from_kpa, "--from", arguments.from);
+  const Eigen::VectorXd from = inputsOf(scene, "--from-kpa", arguments.from_kpa, "", "");
   const planning::PressurePlanner planner(scene.model, *scene.keep_out, scene.safety.channels,
                                           scene.safety.rules);
   const InterruptWatch watch;
   planning::PlanOptions options{arguments.longest, arguments.seed, arguments.every};
   options.stops = [](const planning::PlanProgress&) { return interrupted(); };
   const planning::Plan plan =
-      to_pressures
-          ? planner.toPressures(
-                from, inputsOf(scene, "--to-kpa", arguments.to_kpa, "--to", arguments.to), options)
+      arguments.tip.empty()
+          ? planner.toPressures(from, inputsOf(scene, "--to-kpa", arguments.to_kpa, "", ""),
+                                options)
           : planner.toTip(from, numberList("--tip", arguments.tip, 3), options);
   if (interrupted()) return kInterrupted;
-  std::vector<PlanRow> rows;
-  if (plan.path) rows = rowsOf(scene, planner, *plan.path, arguments.every);
-  const std::string csv = csvOf(scene, rows, arguments.every);
-  if (plan.path && !arguments.out.empty()) io::writeFileAtomically(arguments.out, csv);
-  if (plan.path && arguments.out.empty() && global.format == Format::kCsv) {
+  const std::string csv = csvOf(scene, plan, arguments.every);
+  if (plan.found() && !arguments.out.empty()) io::writeFileAtomically(arguments.out, csv);
+  if (plan.found() && arguments.out.empty() && global.format == Format::kCsv) {
     std::cout << csv;
     return kDone;
   }
-  const json report = reportOf(scene, arguments, plan, planner, rows);
+  const json report = reportOf(scene, arguments, plan, planner.check().clearance());
   printResult(global.format, report, report, [&report] {
     return cellsOf(report, {"found", "reason", "seconds", "duration_s", "clearance_m", "zone"});
   });
-  return plan.path ? kDone : kNotPossible;
+  return plan.found() ? kDone : kNotPossible;
 }
 
 }  // namespace
@@ -134,9 +109,7 @@ Subcommand addPlan(CLI::App& app) {
   addScene(*command, "SCENE", arguments->scene, "scene file")->required();
   addOption(*command, "--from-kpa", arguments->from_kpa,
             "where the arm is, gauge pressures [kPa], one per actuator: a,b,c");
-  addOption(*command, "--from", arguments->from, "the same in SI units [Pa]");
   addOption(*command, "--to-kpa", arguments->to_kpa, "where it goes, gauge pressures [kPa]: a,b,c");
-  addOption(*command, "--to", arguments->to, "the same in SI units [Pa]");
   addOption(*command, "--tip", arguments->tip, "where its tip goes, base frame [m]: x,y,z");
   addOption(*command, "--out", arguments->out,
             "table to write: time_s, pressure_1_kpa .., x_m, y_m, z_m, clearance_m",

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 #include <ompl/base/MotionValidator.h>
@@ -66,13 +67,10 @@ class SweptMotion : public ob::MotionValidator {
 
 }  // namespace
 
-VectorXd TimedPath::at(double time) const {
-  const auto next = std::upper_bound(times.begin(), times.end(), time);
-  if (next == times.begin()) return pressures.front();
-  if (next == times.end()) return pressures.back();
-  const auto i = static_cast<std::size_t>(next - times.begin());
-  const double part = (time - times[i - 1]) / (times[i] - times[i - 1]);
-  return pressures[i - 1] + part * (pressures[i] - pressures[i - 1]);
+const PlanRow& Plan::nearest() const {
+  return *std::min_element(rows.begin(), rows.end(), [](const PlanRow& a, const PlanRow& b) {
+    return a.clearance.distance < b.clearance.distance;
+  });
 }
 
 PressurePlanner::PressurePlanner(const statics::ArmModel& model, const clearance::KeepOut& keep_out,
@@ -109,7 +107,7 @@ Plan PressurePlanner::toTip(const VectorXd& from, const Eigen::Vector3d& tip,
     }
   }
   if (goals.empty()) {
-    return {std::nullopt,
+    return {{},
             basics::format("the tip is out of reach: it stays %.1f mm away; give another tip",
                            1e3 * nearest),
             now() - begin};
@@ -126,9 +124,7 @@ Plan PressurePlanner::plan(const VectorXd& from, const std::vector<VectorXd>& go
                            const PlanOptions& options, double begin) const {
   basics::requirePositive("plan", {{"the time of the search [s]", options.longest},
                                    {"the time between corners [s]", options.every}});
-  const auto none = [&](const std::string& reason) -> Plan {
-    return {std::nullopt, reason, now() - begin};
-  };
+  const auto none = [&](const std::string& reason) -> Plan { return {{}, reason, now() - begin}; };
   std::string reason = refusalOf("start", from);
   if (!reason.empty()) return none(reason + "; move it away first");
   std::vector<VectorXd> clear;
@@ -144,9 +140,19 @@ Plan PressurePlanner::plan(const VectorXd& from, const std::vector<VectorXd>& go
                                options.longest));
   }
   if (options.stops && options.stops({"times", now() - begin})) return none("cancelled");
-  auto path = timed(corners, options);
-  if (!path) return none("the path found is clear only without the regulator's lag; make room");
-  return {std::move(path), "", now() - begin};
+  const std::vector<VectorXd> set_points = timed(corners, options.every);
+  if (set_points.empty()) {
+    return none("the path found is clear only without the regulator's lag; make room");
+  }
+  Plan out;
+  for (const VectorXd& set_point : set_points) {
+    const VectorXd q = model_.arm().clamped(set_point);
+    const statics::Solution at = model_.solve(q);
+    out.rows.push_back({static_cast<double>(out.rows.size()) * options.every, q, at.tip,
+                        check_.clearance().of(at.shape)});
+  }
+  out.seconds = now() - begin;
+  return out;
 }
 
 std::vector<VectorXd> PressurePlanner::search(const VectorXd& from,
@@ -207,27 +213,28 @@ std::vector<VectorXd> PressurePlanner::search(const VectorXd& from,
   return corners;
 }
 
-std::optional<TimedPath> PressurePlanner::timed(const std::vector<VectorXd>& corners,
-                                                const PlanOptions& options) const {
+// Set points at even times, slow enough for slew and lag; empty if none are.
+std::vector<VectorXd> PressurePlanner::timed(const std::vector<VectorXd>& corners,
+                                             double every) const {
   double stretch = 1;
   for (int k = 0; k < kMostSlower; ++k, stretch *= kSlower) {
-    TimedPath path{{0.0}, {corners.front()}};
+    std::vector<VectorXd> rows{corners.front()};
     for (std::size_t i = 1; i < corners.size(); ++i) {
+      const VectorXd way = corners[i] - corners[i - 1];
       double time = 0;
-      for (Eigen::Index c = 0; c < corners[i].size(); ++c) {
+      for (Eigen::Index c = 0; c < way.size(); ++c) {
         const control::ChannelRules& channel = channels_[static_cast<std::size_t>(c)];
         const double usual = (channel.limits.upper - channel.limits.lower) / kWholeRange;
-        time = std::max(time, std::abs(corners[i][c] - corners[i - 1][c]) /
-                                  (kSlewPart * std::min(channel.slew, usual)));
+        time = std::max(time, std::abs(way[c]) / (kSlewPart * std::min(channel.slew, usual)));
       }
-      const double steps = std::max(1.0, std::ceil(stretch * time / options.every - 1e-9));
-      path.times.push_back(path.times.back() + steps * options.every);
-      path.pressures.push_back(corners[i]);
+      const double steps = std::max(1.0, std::ceil(stretch * time / every));
+      for (double step = 1; step <= steps; ++step) {
+        rows.emplace_back(corners[i - 1] + step / steps * way);
+      }
     }
-    const auto behind = clearance::pressuresBehind(channels_, rules_, path.times, path.pressures);
-    if (!check_.sweep(behind)) return path;
+    if (!check_.sweep(clearance::pressuresBehind(channels_, rules_, every, rows))) return rows;
   }
-  return std::nullopt;
+  return {};
 }
 
 }  // namespace helix_arm::planning

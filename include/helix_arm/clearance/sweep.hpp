@@ -76,13 +76,12 @@ std::vector<Eigen::VectorXd> pressuresOnTheWay(const std::vector<control::Channe
                                                const Eigen::VectorXd& pressure,
                                                const Eigen::VectorXd& target);
 
-/// Pressures behind set points that go from corner to corner, at an even rate between their times.
+/// Pressures behind set points (n) [Pa] that follow each other every so often [s], at an even rate
+/// between them.
 ///
-/// @param times  ascending [s]. @param set_points  (n) at these times [Pa].
 /// @return corners, from the first set points to the last.
 std::vector<Eigen::VectorXd> pressuresBehind(const std::vector<control::ChannelRules>& channels,
-                                             const control::SafetyRules& rules,
-                                             const std::vector<double>& times,
+                                             const control::SafetyRules& rules, double every,
                                              const std::vector<Eigen::VectorXd>& set_points);
 
 }  // namespace helix_arm::clearance

@@ -3,7 +3,6 @@
 #include <Eigen/Core>
 #include <cstdint>
 #include <functional>
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -22,24 +21,28 @@ struct PlanProgress {
 struct PlanOptions {
   double longest = 5.0;    ///< time of the search, > 0 [s]
   std::uint32_t seed = 1;  ///< of its samples
-  double every = 0.1;      ///< the time of every corner is a multiple of this, > 0 [s]
+  double every = 0.1;      ///< time between rows, > 0 [s]
   /// Told from time to time, may be empty; true ends the search.
   std::function<bool(const PlanProgress&)> stops = {};
 };
 
-/// A motion from corner to corner, at an even rate between them.
-struct TimedPath {
-  std::vector<double> times;               ///< from 0, ascending [s]
-  std::vector<Eigen::VectorXd> pressures;  ///< (n) [Pa]
-  /// (n) set points at a time [s]; those of the end after it.
-  Eigen::VectorXd at(double time) const;
+/// A place of a path.
+struct PlanRow {
+  double time;               ///< since its begin, a multiple of PlanOptions::every [s]
+  Eigen::VectorXd pressure;  ///< (n) set points [Pa]; linear until the next row
+  lie::SE3 tip;              ///< seen from the base
+  clearance::Clearance clearance;
 };
 
 /// A path, or why there is none.
 struct Plan {
-  std::optional<TimedPath> path;
-  std::string reason;    ///< empty with a path
-  double seconds = 0.0;  ///< that it took [s]
+  std::vector<PlanRow> rows;  ///< from start to goal; empty: none was found
+  std::string reason;         ///< empty with a path
+  double seconds = 0.0;       ///< that it took [s]
+
+  bool found() const { return !rows.empty(); }
+  /// The row with the least clearance. Requires found().
+  const PlanRow& nearest() const;
 };
 
 /// Finds ways of the pressures around zones: RRT-Connect and shortcuts, by OMPL, in fractions of
@@ -71,8 +74,8 @@ class PressurePlanner {
   std::vector<Eigen::VectorXd> search(const Eigen::VectorXd& from,
                                       const std::vector<Eigen::VectorXd>& goals,
                                       const PlanOptions& options, double begin) const;
-  std::optional<TimedPath> timed(const std::vector<Eigen::VectorXd>& corners,
-                                 const PlanOptions& options) const;
+  std::vector<Eigen::VectorXd> timed(const std::vector<Eigen::VectorXd>& corners,
+                                     double every) const;
   std::string refusalOf(const char* what, const Eigen::VectorXd& q) const;
 
   statics::ArmModel model_;

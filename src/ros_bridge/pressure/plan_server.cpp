@@ -1,7 +1,6 @@
 #include "plan_server.hpp"
 
-#include <algorithm>
-#include <cmath>
+#include <utility>
 #include <variant>
 
 #include "helix_arm/basics/quote.hpp"
@@ -14,7 +13,6 @@ namespace helix_arm::ros_bridge {
 namespace {
 
 constexpr double kLongestSearch = 60.0;  // [s]
-constexpr double kEveryRow = 0.1;        // [s]
 constexpr double kEveryFeedback = 0.1;   // [s]
 
 }  // namespace
@@ -77,7 +75,6 @@ planning::Plan PlanServer::search(const Rig& rig, const PlanTipPathGoal& goal) {
                   goal.longest_s, "; expected 0 to ", kLongestSearch);
   planning::PlanOptions options;
   if (goal.longest_s > 0) options.longest = goal.longest_s;
-  options.every = kEveryRow;
   told_ = -kEveryFeedback;
   options.stops = [this](const planning::PlanProgress& progress) {
     if (progress.seconds - told_ >= kEveryFeedback) {
@@ -106,26 +103,20 @@ PlanTipPathResult PlanServer::plan(const PlanTipPathGoal& goal) {
   basics::require(rig != nullptr, "the scene has no zones to plan around; add the key keep_out");
   const planning::Plan found = search(*rig, goal);
   PlanTipPathResult result;
-  result.found = found.path.has_value();
+  result.found = found.found();
   result.message = found.reason;
   result.seconds = found.seconds;
-  if (!found.path) return result;
+  if (!found.found()) return result;
   result.path.header.frame_id = base_frame_;
-  clearance::Clearance least;
-  const auto last = std::lround(found.path->times.back() / kEveryRow);
-  for (long k = 0; k <= last; ++k) {
-    const double time = static_cast<double>(k) * kEveryRow;
-    const Eigen::VectorXd q = rig->model.arm().clamped(found.path->at(time));
-    const statics::Solution at = rig->model.solve(q);
-    const clearance::Clearance there = rig->planner.check().clearance().of(at.shape);
-    if (there.distance < least.distance) least = there;
-    result.pressure.insert(result.pressure.end(), q.begin(), q.end());
+  for (const planning::PlanRow& row : found.rows) {
+    result.pressure.insert(result.pressure.end(), row.pressure.begin(), row.pressure.end());
     trajectory_msgs::MultiDOFJointTrajectoryPoint point;
-    point.transforms.push_back(toTransformMsg(at.tip));
-    point.time_from_start = ros::Duration(time);
+    point.transforms.push_back(toTransformMsg(row.tip));
+    point.time_from_start = ros::Duration(row.time);
     result.path.points.push_back(point);
   }
-  result.rows = static_cast<std::uint32_t>(last + 1);
+  result.rows = static_cast<std::uint32_t>(found.rows.size());
+  const clearance::Clearance& least = found.nearest().clearance;
   result.clearance = least.distance;
   result.zone = rig->planner.check().clearance().nameOf(least.zone);
   return result;
