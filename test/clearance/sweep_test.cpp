@@ -65,7 +65,7 @@ KeepOut randomScene(const statics::ArmModel& model, const VectorXd& at, test::Ra
 
 // The least clearance of densely sampled places of densely sampled inputs.
 double leastOnTheWay(const statics::ArmModel& model, const KeepOut& keep_out,
-                     const std::vector<VectorXd>& corners, int samples) {
+                     const std::vector<VectorXd>& corners, int samples, int places = 60) {
   double least = std::numeric_limits<double>::infinity();
   const auto parts = static_cast<int>(corners.size()) - 1;
   for (int i = 0; i <= samples; ++i) {
@@ -74,7 +74,7 @@ double leastOnTheWay(const statics::ArmModel& model, const KeepOut& keep_out,
     const VectorXd q =
         corners[j] + (along - static_cast<double>(j)) * (corners[j + 1] - corners[j]);
     const statics::Solution found = model.solve(model.arm().clamped(q));
-    least = std::min(least, test::denseClearance(keep_out, found.shape, 60));
+    least = std::min(least, test::denseClearance(keep_out, found.shape, places));
   }
   return least;
 }
@@ -105,6 +105,31 @@ TEST(Sweep, LetsThroughWhatIsClearInADenseSampleAndNothingElse) {
   EXPECT_GT(clear, blocked / 4);
   EXPECT_GT(blocked, clear / 4);
   EXPECT_EQ(needless, 0);
+}
+
+// The least clearance of a dense sample decides, on either side of it.
+TEST(Sweep, JudgesAMotionThatGrazesAZone) {
+  test::Random random(4);
+  int grazes = 0;
+  for (int i = 0; i < test::draws(20, 600); ++i) {
+    const statics::ArmModel model = armOfKind(i % 3);
+    const VectorXd from = drawInput(model.arm(), random), to = drawInput(model.arm(), random);
+    KeepOut keep_out = randomScene(model, from, random);
+    if (keep_out.zones.empty()) continue;
+    keep_out.zones.resize(1);
+    const std::vector<VectorXd> way{from, to};
+    const double least = leastOnTheWay(model, keep_out, way, 400, 300);
+    const auto endsAt = [&](const VectorXd& q) {
+      return test::denseClearance(keep_out, model.solve(q).shape, 60);
+    };
+    if (least < 0.001 || least > std::min(endsAt(from), endsAt(to)) - 0.001) continue;
+    ++grazes;
+    keep_out.clearance = least + 2e-4;
+    EXPECT_TRUE(SweepCheck(model, keep_out).sweep(way)) << i;
+    keep_out.clearance = least - 2e-4;
+    EXPECT_FALSE(SweepCheck(model, keep_out).sweep(way)) << i;
+  }
+  EXPECT_GT(grazes, 0);
 }
 
 // A zone beside the arm that both ends of a motion leave free.
