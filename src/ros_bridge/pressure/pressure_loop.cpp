@@ -172,9 +172,7 @@ std::optional<control::Refusal> PressureLoop::command(const std::string& command
                                                       const Eigen::VectorXd& pressure) {
   if (auto blocked = gate_(*this, pressure)) {
     const regulator::PriorityLock lock(mutex_);
-    if (commander == commander_ && !path_.core().report().resting) {
-      path_.target(steadyNow(), path_.core().goal());
-    }
+    if (!path_.core().report().resting) path_.target(steadyNow(), path_.core().goal());
     return blocked;
   }
   const regulator::PriorityLock lock(mutex_);
