@@ -71,7 +71,7 @@ void distanceOfPeer(::benchmark::State& state) {
 }
 BENCHMARK(distanceOfPeer)->Unit(::benchmark::kMicrosecond);
 
-// What a laboratory writes with FCL: every capsule against every zone.
+// The usual way with FCL: every capsule against every zone.
 double capsuleClearance(const Case& one) {
   double least = 1e9;
   const auto curve = model::sampleCurve(one.shape, 2 * kCapsules + 1);

@@ -127,7 +127,8 @@ TEST(PressurePlanner, FindsAWayWhereAGridOfPressuresHasOneAndNoneWhereItHasNone)
     PlanOptions options;
     options.longest = test::isFullSize() ? 2 : 0.5;
     const Plan plan = planner.toPressures(from, to, options);
-    // What a coarse grid finds, is; what none of a finer grid with less clearance finds, is not.
+    // A way of a coarse grid with more clearance exists; without one of a fine grid with less, none
+    // does.
     KeepOut tight = keep_out, loose = keep_out;
     tight.clearance += 0.003;
     loose.clearance -= 0.001;

@@ -12,7 +12,7 @@
 
 namespace helix_arm::planning {
 
-/// What a search has done so far.
+/// Progress of a search.
 struct PlanProgress {
   const char* phase;  ///< "searches", "shortens" or "times"
   double seconds;     ///< since its begin [s]
@@ -63,7 +63,7 @@ class PressurePlanner {
   /// @param from, to  (n) pressures within the limits [Pa].
   Plan toPressures(const Eigen::VectorXd& from, const Eigen::VectorXd& to,
                    const PlanOptions& options = {}) const;
-  /// Of several pressures that bring the tip there, those are taken that are clear.
+  /// Takes those pressures that bring the tip there and are clear.
   /// @param tip  base frame [m].
   Plan toTip(const Eigen::VectorXd& from, const Eigen::Vector3d& tip,
              const PlanOptions& options = {}) const;

@@ -44,7 +44,7 @@ class ZoneMarkers : public Screen {
 class KeepOutGate {
  public:
   /// @param scene     Kept by reference: after a change, call adopt().
-  /// @param response  Of the arm, as it has followed the measured pressures. Kept by reference.
+  /// @param response  The arm's, as it has followed the measured pressures. Kept by reference.
   /// @param stop      Keeps the arm where it is.
   KeepOutGate(ros::NodeHandle node, const io::Scene& scene, const std::string& base_frame,
               double draw_period, const model::ArmResponse& response, std::function<void()> stop);
@@ -62,7 +62,7 @@ class KeepOutGate {
   void draw(const model::Shape* shape);
 
  private:
-  /// What vision saw.
+  /// A measured shape that was too close.
   struct Sight {
     clearance::Clearance clearance;
     double nearest;  ///< since it is too close [m]

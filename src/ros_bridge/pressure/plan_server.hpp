@@ -32,7 +32,7 @@ class PlanServer {
  private:
   using Server = actionlib::SimpleActionServer<PlanTipPathAction>;
 
-  /// What a search needs of a scene.
+  /// Parts of a scene that a search needs.
   struct Rig {
     statics::ArmModel model;
     planning::PressurePlanner planner;

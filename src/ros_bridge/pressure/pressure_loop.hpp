@@ -82,7 +82,7 @@ class PressureLoop {
 
   /// Sets the target of a commander: (n), inside the limits [Pa]. After a rest that another asked
   /// for, it is refused until it pauses for target_timeout, asks for rest, or the arm is enabled.
-  /// What the gate refuses leaves the command as it is; its commander does not count as silent.
+  /// A target that the gate refuses leaves the command as it is; its commander is not silent.
   std::optional<control::Refusal> command(const std::string& commander,
                                           const Eigen::VectorXd& pressure)
       HELIX_ARM_EXCLUDES(mutex_);
