@@ -54,10 +54,9 @@ bool SweepCheck::isClear(const model::InputRef& q) const {
 // Goes along a motion, look by look, and stops before it is too close.
 class SweepCheck::Walk {
  public:
-  Walk(const SweepCheck& check, double nearer, const std::function<bool()>& stops, Look start)
+  Walk(const SweepCheck& check, double nearer, Look start)
       : check_(check),
         nearer_(nearer),
-        stops_(stops),
         least_(check.clearance_.keepOut().clearance + nearer),
         at_(std::move(start)) {
     if (at_.clearance) allowed_ = std::min(least_, at_.clearance->distance);
@@ -70,12 +69,10 @@ class SweepCheck::Walk {
 
   /// Goes on to a look. @return whether all until there is clear.
   bool to(const Look& next) {
-    if (stops_ && stops_()) return false;
     if (!at_.clearance) return block(at_);
     if (next.clearance && isClearUntil(next)) {
       at_ = next;
-      if (allowed_ < least_)
-        allowed_ = std::min(least_, std::max(allowed_, next.clearance->distance));
+      allowed_ = std::min(least_, std::max(allowed_, next.clearance->distance));
       return true;
     }
     if (at_.marks.size() == next.marks.size() && motionTo(next) < kFinestMotion) return block(next);
@@ -114,7 +111,6 @@ class SweepCheck::Walk {
 
   const SweepCheck& check_;
   const double nearer_;
-  const std::function<bool()>& stops_;
   const double least_;
   double allowed_ = 0.0;  // less than least_ as long as an arm that began too close still is
   bool escapes_ = false;
@@ -122,10 +118,10 @@ class SweepCheck::Walk {
   std::optional<Blocked> blocked_;
 };
 
-std::optional<Blocked> SweepCheck::sweep(const std::vector<Eigen::VectorXd>& corners, double nearer,
-                                         const std::function<bool()>& stops) const {
+std::optional<Blocked> SweepCheck::sweep(const std::vector<Eigen::VectorXd>& corners,
+                                         double nearer) const {
   const Look start = look(corners.front());
-  Walk walk(*this, nearer, stops, start);
+  Walk walk(*this, nearer, start);
   for (std::size_t i = 1; i < corners.size(); ++i) {
     if (!walk.to(look(corners[i]))) return walk.blocked();
   }

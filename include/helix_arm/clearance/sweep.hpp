@@ -1,7 +1,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <functional>
 #include <optional>
 #include <string>
 #include <vector>
@@ -51,9 +50,8 @@ class SweepCheck {
   /// The first place at which a motion is too close; none if all of it is clear.
   /// @param corners  (n) inputs that are joined by straight lines; at least one.
   /// @param nearer   by how much the arm is closer to the zones than its model says, >= 0 [m].
-  /// @param stops    asked at every look, may be empty; true ends the check, with none.
-  std::optional<Blocked> sweep(const std::vector<Eigen::VectorXd>& corners, double nearer = 0.0,
-                               const std::function<bool()>& stops = {}) const;
+  std::optional<Blocked> sweep(const std::vector<Eigen::VectorXd>& corners,
+                               double nearer = 0.0) const;
 
  private:
   struct Look;
