@@ -12,13 +12,15 @@ namespace {
 
 using nlohmann::json;
 
-constexpr char kTouches[] = "300,0,0";  // [kPa]
+constexpr char kTouches[] = "0,150,150";  // [kPa]
 
-// --set of a small post at the demo's tip at kTouches; its base looks down from 0.6 m.
+// --set of a post at the demo's tip at kTouches, with a thin arm; its base looks down from 0.6 m.
 std::vector<std::string> withPost() {
   const json tip = resultOf({"forward", "demo", "--pressure-kpa", kTouches})["tip"]["position_m"];
-  return {"--set", "keep_out=[{name: post, sphere: {radius_m: 0.005, position_m: " +
-                       json({tip[2], tip[1], 0.6 - tip[0].get<double>()}).dump() + "}}]"};
+  const std::string place = json({tip[2], tip[1], 0.6 - tip[0].get<double>()}).dump();
+  return {"--set", "arm.sections.0.separator_radius_m=0.01",
+          "--set", "clearance_m=0.005",
+          "--set", "keep_out=[{name: post, sphere: {radius_m: 0.005, position_m: " + place + "}}]"};
 }
 
 TEST(PlanCommand, FindsATableOfPressuresThatIsClear) {
@@ -33,7 +35,7 @@ TEST(PlanCommand, FindsATableOfPressuresThatIsClear) {
   EXPECT_TRUE(found["found"]);
   EXPECT_TRUE(found["reason"].is_null());
   EXPECT_EQ(found["zone"], "post");
-  EXPECT_GE(found["clearance_m"], 0.0098);
+  EXPECT_GE(found["clearance_m"], 0.0049);
   // The table's rows, by `forward`, keep away, too; pressures and tips are read as other tables.
   const Outcome rows = runCommand({"forward", "demo", "--inputs", out, "--format", "json"}, post);
   ASSERT_EQ(rows.exit_code, 0) << rows.err;
@@ -64,7 +66,7 @@ TEST(PlanCommand, OtherCommandsTellZones) {
   const std::vector<std::string> post = withPost();
   const json clear =
       runCommand({"forward", "demo", "--pressure-kpa", "0,0,0", "--format", "json"}, post).json();
-  EXPECT_GT(clear["clearance_m"], 0.01);
+  EXPECT_GT(clear["clearance_m"], 0.009);
   const json without = resultOf({"forward", "demo", "--pressure-kpa", "0,0,0"});
   EXPECT_FALSE(without.contains("clearance_m"));
 
@@ -74,7 +76,7 @@ TEST(PlanCommand, OtherCommandsTellZones) {
   EXPECT_EQ(inverse.exit_code, 1);
   EXPECT_EQ(inverse.json()["status"], "blocked");
   EXPECT_EQ(inverse.json()["blocked_by"], "post");
-  EXPECT_LT(inverse.json()["clearance_m"], 0.01);
+  EXPECT_LT(inverse.json()["clearance_m"], 0.005);
   EXPECT_EQ(inverse.json()["clear_tip_m"].size(), 3u);
 
   const json space =

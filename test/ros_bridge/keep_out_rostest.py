@@ -14,81 +14,92 @@ from visualization_msgs.msg import MarkerArray
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", "support"))
 from helix_arm.msg import ArmShape, PlanTipPathAction, PlanTipPathGoal, TargetStatus  # noqa: E402
-from processes import SOURCE  # noqa: E402
 from ros_case import CommanderCase  # noqa: E402
-from zones import TOUCHES, clearance, zones  # noqa: E402
+from zones import DEMO, LEAST, TOUCHES, clearance, with_post  # noqa: E402
 
-LEAST = 0.01  # of the default clearance_m
+BETWEEN = [0, 1.5e5, 1.5e5]  # pressures on the straight way from START to GOAL [Pa]
+START, GOAL = [0, 3e5, 0], [0, 0, 3e5]
 
 
 class KeepOut(CommanderCase):
-    def setUp(self):
-        super().setUp()
+    def start(self, touches):
         self.scene = Scene.load("demo")
-        path = self.scene_with(SOURCE + "/config/scenes/demo.yaml", {"keep_out": zones(), "safety.slew_kpa_s": 100})
+        path = self.scene_with(DEMO, {**with_post(touches), "safety.slew_kpa_s": 100})
         self.node = self.run_node("pressure_command", "_scene:=" + path)
         self.connect()
 
     def why(self):
         return self.status[-2:], self.command[-1:], self.node.output()[-3000:]
 
-    def see(self, pressures, until):
-        """Shows the arm at the shape of these pressures, as vision would."""
-        publisher = rospy.Publisher("measured", ArmShape, queue_size=10)
-        shape = ArmShape(tier="measured", sections=1, twist=self.scene.forward(pressures).twists[0].tolist())
-        self.assert_wait(lambda: publisher.get_num_connections() > 0)
-        self.assert_wait(lambda: publisher.publish(shape) or until())
+    def move(self, pressure):
+        """All the way."""
+        answer = self.send_pressures(pressure)
+        self.assertEqual(answer.outcome, TargetStatus.REACHED, answer)
+        self.assert_wait(lambda: np.allclose(self.command[-1].pressure, pressure))
+        return answer
 
     def test_what_would_touch_is_refused_by_name_and_the_command_stays(self):
-        self.assertEqual(self.send_pressures([0, 1e5, 0]).outcome, TargetStatus.REACHED)
-        held = self.held
-        answer = self.send_pressures(TOUCHES)
+        self.start(TOUCHES)
+        clear = self.move([0, 1e5, 0])
+        self.assertEqual(clear.zone, "post")
+        self.assertAlmostEqual(clear.clearance, clearance([0, 1e5, 0], TOUCHES), 3)
+        held, answer = self.held, self.send_pressures(TOUCHES)
+        self.held = held
         self.assertEqual((answer.outcome, answer.fault, answer.zone), (TargetStatus.DROPPED, "blocked", "post"), answer)
         self.assertTrue("post" in answer.message and answer.clearance < LEAST and answer.has_clear_tip, answer)
-        self.assertEqual(self.command_after(answer)[1], 1e5)
-        self.held = held
-        clear = self.send_pressures([0, 1.2e5, 0])
-        self.assertEqual((clear.outcome, clear.zone), (TargetStatus.REACHED, "post"))
-        self.assertAlmostEqual(clear.clearance, clearance(self.scene, [0, 1.2e5, 0]), 3)
+        self.assertEqual(self.command_after(answer), [0, 1e5, 0])
 
     def test_an_arm_that_is_seen_too_close_stays_until_a_command_leads_away(self):
-        self.assertEqual(self.send_pressures([0, 2e5, 0]).outcome, TargetStatus.REACHED)
-        self.held = None
-        self.see(TOUCHES, lambda: "the arm is seen" in self.node.output())
+        self.start(TOUCHES)
+        publisher = rospy.Publisher("measured", ArmShape, queue_size=10)
+        shape = ArmShape(tier="measured", sections=1, twist=self.scene.forward([2.2e5, 0, 0]).twists.ravel().tolist())
+        self.assert_wait(lambda: publisher.get_num_connections() > 0)
+        self.assertEqual(self.send_pressures([1.5e5, 0, 0]).outcome, TargetStatus.REACHED)  # and again, while it is held
+        self.assert_wait(lambda: publisher.publish(shape) or "the arm is seen" in self.node.output())
+        self.assertIn("mm from post", self.node.output())
         first = len(self.command)
-        self.see(TOUCHES, lambda: len(self.command) > first + 30)
-        self.assertLess(self.command[-1].pressure[1], 1.99e5, "it has stopped on its way")
-        self.assertEqual(self.command[-1].pressure, self.command[first + 10].pressure)
-        self.assertIn("post", self.node.output())
-        # Towards the post, by the model; away from it.
-        stays = self.command[-1].pressure[1]
-        self.see(TOUCHES, lambda: self.send_pressures([5e4, stays, 0], deadline=0.3).fault == "blocked")
-        self.see(TOUCHES, lambda: self.send_pressures([0, stays + 1e4, 0], deadline=0.3).outcome == TargetStatus.REACHED)
+        self.assert_wait(lambda: publisher.publish(shape) or len(self.command) > first + 200)
+        self.assertLess(self.command[-1].pressure[0], 1.49e5, "it has stopped on its way")
+        self.assertEqual(self.command[-1].pressure, self.command[first + 50].pressure)
+        self.assert_wait(lambda: self.status[-1].fault == "blocked")
+        self.assert_wait(lambda: publisher.publish(shape) or
+                         self.send_pressures([0, 1e5, 0], deadline=1).outcome == TargetStatus.REACHED)
 
     def test_a_way_around_is_planned_and_every_row_of_it_is_let_through(self):
+        self.start(BETWEEN)
         client = actionlib.SimpleActionClient("pressure_command/plan_tip_path", PlanTipPathAction)
         self.assertTrue(client.wait_for_server(rospy.Duration(30)))
-        start, goal = [0, 3e5, 0], [4e5, 0, 1e5]
-        self.assertLess(min(clearance(self.scene, (1 - t) * np.array(start) + t * np.array(goal)) for t in np.linspace(0, 1, 50)),
-                        LEAST, "the straight way is blocked")
+        self.move(START)
+        self.assertEqual(self.send_pressures(GOAL).fault, "blocked")
+        self.move(START)
         feedback = []
-        client.send_goal(PlanTipPathGoal(start=start, pressure=goal), feedback_cb=feedback.append)
+        client.send_goal(PlanTipPathGoal(pressure=GOAL), feedback_cb=feedback.append)
         self.assertTrue(client.wait_for_result(rospy.Duration(60)))
         result = client.get_result()
         self.assertEqual((client.get_state(), result.found), (GoalStatus.SUCCEEDED, True), result.message)
-        self.assertTrue(feedback and result.zone == "post" and result.clearance >= LEAST)
+        self.assertTrue(feedback and result.zone == "post" and result.clearance >= LEAST - 1e-4)
         rows = np.reshape(result.pressure, (result.rows, 3))
-        np.testing.assert_allclose((rows[0], rows[-1]), (start, goal), atol=1)
-        self.assertGreaterEqual(min(clearance(self.scene, row) for row in rows), LEAST - 2e-4)
-        np.testing.assert_allclose([result.path.points[-1].transforms[0].translation.x], [self.scene.tips(goal)[0]], atol=1e-6)
+        np.testing.assert_allclose((rows[0], rows[-1]), (START, GOAL), atol=1)
+        self.assertGreaterEqual(min(clearance(row, BETWEEN) for row in rows), LEAST - 2e-4)
+        tip = result.path.points[-1].transforms[0].translation
+        np.testing.assert_allclose((tip.x, tip.y, tip.z), self.scene.tips(GOAL), atol=1e-6)
         for row in rows:
-            self.assertEqual(self.send_pressures(row).outcome, TargetStatus.REACHED, self.why())
-        client.send_goal(PlanTipPathGoal(tip=Point(*self.scene.tips(TOUCHES))))
+            self.move(row)
+        client.send_goal(PlanTipPathGoal(tip=Point(*self.scene.tips(BETWEEN))))
         self.assertTrue(client.wait_for_result(rospy.Duration(60)))
         self.assertEqual((client.get_state(), client.get_result().found), (GoalStatus.ABORTED, False))
         self.assertIn("post", client.get_result().message)
 
+    def test_a_goal_that_breaks_a_rule_is_answered(self):
+        self.start(TOUCHES)
+        client = actionlib.SimpleActionClient("pressure_command/plan_tip_path", PlanTipPathAction)
+        self.assertTrue(client.wait_for_server(rospy.Duration(30)))
+        client.send_goal(PlanTipPathGoal(start=START, pressure=GOAL, longest_s=70))
+        self.assertTrue(client.wait_for_result(rospy.Duration(60)))
+        self.assertIn("longest_s is 70; expected 0 to 60", client.get_result().message)
+
     def test_zones_are_drawn(self):
+        self.start(TOUCHES)
         markers = self.inbox("markers", MarkerArray)
         self.assert_wait(lambda: any(one.ns == "zones" for array in markers for one in array.markers))
 
