@@ -22,9 +22,9 @@ START, GOAL = [0, 3e5, 0], [0, 0, 3e5]
 
 
 class KeepOut(CommanderCase):
-    def start(self, touches):
+    def start(self, touches, **values):
         self.scene = Scene.load("demo")
-        path = self.scene_with(DEMO, {**with_post(touches), "safety.slew_kpa_s": 100})
+        path = self.scene_with(DEMO, {**with_post(touches), "safety.slew_kpa_s": 100, **values})
         self.node = self.run_node("pressure_command", "_scene:=" + path)
         self.connect()
 
@@ -90,10 +90,17 @@ class KeepOut(CommanderCase):
         self.assertEqual((client.get_state(), client.get_result().found), (GoalStatus.ABORTED, False))
         self.assertIn("post", client.get_result().message)
 
-    def test_a_goal_that_breaks_a_rule_is_answered(self):
-        self.start(TOUCHES)
-        client = actionlib.SimpleActionClient("pressure_command/plan_tip_path", PlanTipPathAction)
+    def test_a_search_is_cancelled_and_a_goal_that_breaks_a_rule_is_answered(self):
+        """A wall across all that the tip can pass, which begins at 0.3 m of the arm: no search ends by itself."""
+        self.start(BETWEEN, keep_out=[{"name": "wall", "box": {"size_m": [0.6, 0.001, 0.3], "position_m": [0, 0, 0.15]}}])
+        client, feedback = actionlib.SimpleActionClient("pressure_command/plan_tip_path", PlanTipPathAction), []
         self.assertTrue(client.wait_for_server(rospy.Duration(30)))
+        client.send_goal(PlanTipPathGoal(start=START, pressure=GOAL, longest_s=60), feedback_cb=feedback.append)
+        self.assert_wait(lambda: feedback and feedback[-1].seconds > 0.5)
+        self.assertEqual(feedback[-1].phase, "searches")
+        client.cancel_goal()
+        self.assertTrue(client.wait_for_result(rospy.Duration(30)))
+        self.assertEqual(client.get_state(), GoalStatus.PREEMPTED)
         client.send_goal(PlanTipPathGoal(start=START, pressure=GOAL, longest_s=70))
         self.assertTrue(client.wait_for_result(rospy.Duration(60)))
         self.assertIn("longest_s is 70; expected 0 to 60", client.get_result().message)
