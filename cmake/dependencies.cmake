@@ -18,6 +18,11 @@ if(OpenCV_VERSION VERSION_LESS 4.7)  # they are in a contributed module
   set(helix_arm_markers aruco)
   find_package(OpenCV REQUIRED COMPONENTS aruco)
 endif()
+find_package(fcl 0.6 REQUIRED)
+if(HELIX_ARM_ROS)
+  find_package(ompl REQUIRED)
+  find_library(helix_arm_ompl ompl HINTS ${OMPL_LIBRARY_DIRS} REQUIRED)  # OMPL_LIBRARIES names more, which is not needed
+endif()
 find_package(Python3 REQUIRED COMPONENTS Interpreter Development)  # before pybind11, which takes what it finds
 find_package(pybind11 2.4 REQUIRED)
 find_package(Threads REQUIRED)

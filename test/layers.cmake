@@ -13,11 +13,13 @@ set(below_statics/workspace "${below_statics/inverse}|statics/inverse")
 set(below_statics/payload "${below_statics/workspace}")
 set(below_dynamics "${below_statics/workspace}|statics/workspace")
 set(below_control "${below_statics/workspace}|statics/workspace|statics/payload")
+set(below_clearance "${below_control}|control")
+set(below_planning "${below_clearance}|clearance")
 set(below_response "${below_control}|control|dynamics")
 set(below_localization "${below_control}|control")
 set(below_calibration "${below_localization}|localization")
 set(below_tracking "${below_localization}|localization")
-set(below_follow "${below_tracking}|tracking")
+set(below_follow "${below_tracking}|tracking|clearance")
 set(below_vision "${below_localization}|localization")
 set(below_regulator "${below_control}|control")
 set(below_simulation "${below_follow}|follow|vision|regulator|dynamics")
@@ -28,20 +30,22 @@ set(below_procedures "${below_io/data}|io/data|response")
 set(below_bag "${below_procedures}|procedures|ros_bridge")  # whose names it uses
 set(below_ros_bridge "")  # names alone
 set(below_ros_bridge/common "${below_procedures}|procedures|ros_bridge")
-set(below_ros_bridge/pressure "${below_ros_bridge/common}|ros_bridge/common")
+set(below_ros_bridge/pressure "${below_ros_bridge/common}|ros_bridge/common|planning")
 set(below_ros_bridge/vision "${below_ros_bridge/pressure}")
 set(below_ros_bridge/follow "${below_ros_bridge/pressure}|ros_bridge/pressure")
 set(below_ros_bridge/tools "${below_ros_bridge/pressure}|ros_bridge/pressure|ros_bridge/vision")
 set(below_ros_bridge/cockpit "${below_ros_bridge/common}|ros_bridge/common")
 set(below_rviz_panel "ros_bridge|ros_bridge/cockpit|ros_bridge/common")  # and what a box shows: values and words, no message
 set(below_nodes "ros_bridge|ros_bridge/pressure|ros_bridge/follow|ros_bridge/vision|ros_bridge/tools|ros_bridge/common")
-set(below_cli "${below_procedures}|procedures|bag")
+set(below_cli "${below_procedures}|procedures|bag|planning")
 set(below_python "${below_procedures}|procedures|bag")
 
 foreach(layer basics lie model statics/loaded statics/exact statics/tiers statics/inverse statics/workspace statics/payload dynamics control response localization
     calibration tracking follow io/data procedures)
   set(others_${layer} "Eigen")
 endforeach()
+set(others_clearance "Eigen|fcl")
+set(others_planning "Eigen|ompl")
 set(others_regulator "Eigen|modbus")
 set(others_vision "Eigen|opencv2|apriltag")
 set(others_simulation "Eigen|nlohmann|opencv2")
@@ -54,7 +58,7 @@ set(others_ros_bridge "")
 set(others_bag "Eigen|nlohmann")
 set(others_rviz_panel "rviz|pluginlib")  # and Qt, whose headers have no folder
 
-set(layers basics lie model statics/loaded statics/exact statics/tiers statics/inverse statics/workspace statics/payload dynamics control response localization
+set(layers basics lie model statics/loaded statics/exact statics/tiers statics/inverse statics/workspace statics/payload dynamics control clearance planning response localization
   calibration tracking follow vision regulator simulation io/document io/scene io/data procedures bag ros_bridge nodes cli python rviz_panel)
 foreach(package common pressure vision cockpit follow tools)
   list(APPEND layers ros_bridge/${package})

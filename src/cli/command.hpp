@@ -60,6 +60,7 @@ Subcommand addCommission(CLI::App& app);
 Subcommand addFollow(CLI::App& app);
 Subcommand addLocalize(CLI::App& app);
 Subcommand addMotion(CLI::App& app);
+Subcommand addPlan(CLI::App& app);
 Subcommand addNew(CLI::App& app);
 Subcommand addPath(CLI::App& app);
 Subcommand addPayload(CLI::App& app);

@@ -8,6 +8,7 @@
 #include "arguments.hpp"
 #include "command.hpp"
 #include "helix_arm/basics/text.hpp"
+#include "helix_arm/clearance/sweep.hpp"
 #include "helix_arm/lie/se2.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/statics/inverse.hpp"
@@ -27,6 +28,30 @@ using statics::Preference;
 void addNote(const model::Arm& arm, json& shown) {
   const std::string note = noteOnResponse(arm);
   if (!note.empty()) shown["notes"] = {note + "; --history follows measured pressures"};
+}
+
+// Zones that the arm keeps out of, beside a result.
+struct ZoneAnswer {
+  clearance::Clearance clearance;
+  std::string name;
+  std::optional<clearance::Blocked> blocked = {};  // the way there
+};
+
+std::optional<clearance::SweepCheck> zonesOf(const io::Scene& scene,
+                                             const statics::ArmModel& model) {
+  if (!scene.keep_out) return std::nullopt;
+  return clearance::SweepCheck(model, *scene.keep_out);
+}
+
+ZoneAnswer zoneAt(const clearance::SweepCheck& check, const model::Shape& shape) {
+  const clearance::Clearance found = check.clearance().of(shape);
+  return {found, check.clearance().nameOf(found.zone)};
+}
+
+void addZone(const std::optional<ZoneAnswer>& zone, json& document) {
+  if (!zone) return;
+  document["clearance_m"] = finite(zone->clearance.distance);
+  document["zone"] = textOrNull(zone->name);
 }
 
 // ---- forward ------------------------------------------------------------------------------------
@@ -57,6 +82,7 @@ struct ForwardResult {
   std::vector<json> sections = {};  // {rank, condition, null_space}
   std::vector<model::CurvePoint<lie::SE3>> curve = {};
   std::vector<HistoryRow> rows = {};  // of the history
+  std::optional<ZoneAnswer> zone = {};
 };
 
 template <class Group>
@@ -168,6 +194,7 @@ json reportOf(const io::Scene& scene, const ForwardResult& result) {
               {"tip", row.tip.converged() ? toJson(row.tip.tip) : json()}};
     });
   }
+  addZone(result.zone, document);
   if (result.solution.shape.piecesPerSection() > 1) {
     document["pieces"] = result.solution.shape.piecesPerSection();
     document["piece_twist"] = rowsJson(result.solution.shape.pieces().transpose());
@@ -242,10 +269,12 @@ int runRows(const ForwardOptions& options, const GlobalOptions& global, const io
   const io::DataSet data = tableOf(options.inputs);
   const Eigen::MatrixXd inputs = inputRowsOf(scene, data);
   const statics::ArmModel model = modelOf(scene, options.tier);
+  const auto zones = zonesOf(scene, model);
   RowPrinter rows(global.format, scene.name);
   bool all_converged = true;
   for (Eigen::Index row = 0; row < inputs.rows(); ++row) {
-    const ForwardResult result = forward(model, inputs.row(row), 0);
+    ForwardResult result = forward(model, inputs.row(row), 0);
+    if (zones && result.solution.converged()) result.zone = zoneAt(*zones, result.solution.shape);
     all_converged = all_converged && result.solution.converged();
     rows.add(
         "line " + std::to_string(data.lines[static_cast<std::size_t>(row)]),
@@ -266,13 +295,15 @@ int run(const ForwardOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadScene(options.scene, global);
   if (!options.inputs.empty()) return runRows(options, global, scene);
   const statics::ArmModel model = modelOf(scene, options.tier);
-  const ForwardResult result =
+  ForwardResult result =
       options.history.empty()
           ? forward(
                 model,
                 inputsOf(scene, "--pressure-kpa", options.pressure_kpa, "--input", options.input),
                 options.samples)
           : forward(model, historyOfFile(scene, options.history), options.samples);
+  const auto zones = zonesOf(scene, model);
+  if (zones && result.solution.converged()) result.zone = zoneAt(*zones, result.solution.shape);
   const json report = reportOf(scene, result);
   printResult(global.format, report, shownOf(scene, result, report),
               [&] { return csvTable(scene, result); });
@@ -353,14 +384,26 @@ struct InverseAnswer {
   Eigen::VectorXd pressure;     // (n) to command
   model::ArmResponse response;  // before
   Eigen::Index history_rows = 0;
+  std::optional<ZoneAnswer> zone = {};
+
+  bool blocked() const { return zone && zone->blocked; }
+  bool reached() const { return result.status == InverseStatus::kReached && !blocked(); }
 };
+
+// Looks at the zones on the way from where the search began.
+void lookAtZones(const std::optional<clearance::SweepCheck>& zones, const Eigen::VectorXd& start,
+                 const statics::Solution& reached, InverseAnswer& answer) {
+  if (!zones || !reached.converged()) return;
+  answer.zone = zoneAt(*zones, reached.shape);
+  answer.zone->blocked = zones->sweep({start, answer.result.input});
+}
 
 // Columns that a row of csv has besides numbers; tables of many rows build no more of the report.
 json summaryOf(const io::Scene& scene, const statics::TierSetting& tier,
                const InverseAnswer& answer) {
   return {{"tier", nameOf(tier.tier)},
           {"order", tier.tier == statics::Tier::kLoaded ? json(tier.order) : json()},
-          {"status", statusName(answer.result.status)},
+          {"status", answer.blocked() ? "blocked" : statusName(answer.result.status)},
           {"converged", answer.result.converged()},
           {"active_limits", activeLimits(scene.arm, answer.result)}};
 }
@@ -379,6 +422,14 @@ json reportOf(const io::Scene& scene, const statics::TierSetting& tier, const In
   addInputs(scene.arm, answer.pressure, document);
   addResponse(scene.arm, answer.response, answer.history_rows, document);
   if (answer.history_rows > 0) document["effective_pressure_pa"] = toJson(result.input);
+  addZone(answer.zone, document);
+  if (answer.blocked()) {
+    const clearance::Blocked& blocked = *answer.zone->blocked;
+    document["reason"] = "on its way from the start the arm " + blocked.text() +
+                         "; plan a way around: helix_arm plan";
+    document["blocked_by"] = textOrNull(blocked.zone);
+    document["clear_tip_m"] = blocked.last_clear.size() > 0 ? toJson(blocked.clear_tip) : json();
+  }
   return document;
 }
 
@@ -423,6 +474,7 @@ int runRows(const InverseArguments& arguments, const GlobalOptions& global, cons
   const Eigen::MatrixXd targets = columnsOf(data, names);
   const statics::TierSetting& tier = model.choice().setting;
   Eigen::VectorXd start = startOf(arguments, scene);
+  const auto zones = zonesOf(scene, model);
   const auto lineOf = [&data](Eigen::Index row) {
     return data.path + ":" + std::to_string(data.lines[static_cast<std::size_t>(row)]);
   };
@@ -437,9 +489,10 @@ int runRows(const InverseArguments& arguments, const GlobalOptions& global, cons
     const std::string line = lineOf(row);
     const InverseResult result = poses ? solver.toPose(poseOf(line, target, false), start)
                                        : solver.toPosition(target, start);
-    const InverseAnswer answer{result, result.input, model::ArmResponse(scene.arm)};
+    InverseAnswer answer{result, result.input, model::ArmResponse(scene.arm)};
     const statics::Solution reached = model.solve(result.input);
-    all_reached = all_reached && result.status == InverseStatus::kReached;
+    lookAtZones(zones, start, reached, answer);
+    all_reached = all_reached && answer.reached();
     if (arguments.prefer == "min-change") start = result.input;
     rows.add(
         line, [&] { return reportOf(scene, tier, answer, reached); },
@@ -495,13 +548,14 @@ int run(const InverseArguments& arguments, const GlobalOptions& global) {
   InverseAnswer answer{result, result.input, response, rows};
   if (rows > 0) response.inputsFor(scene.arm, result.input, answer.pressure, after);
   const statics::Solution reached = model.solve(result.input);
+  lookAtZones(zonesOf(scene, model), start, reached, answer);
   const statics::TierSetting& tier = model.choice().setting;
   const json report = reportOf(scene, tier, answer, reached);
   json shown = without(report, {"response", "converged", "order"});
   shown["tier"] = tier.name();
   if (rows == 0) addNote(scene.arm, shown);
   printResult(global.format, report, shown, [&] { return rowOf(scene, tier, answer, reached); });
-  return result.status == InverseStatus::kReached ? kDone : kNotPossible;
+  return answer.reached() ? kDone : kNotPossible;
 }
 
 }  // namespace
@@ -540,7 +594,8 @@ json: effective_pressure_pa, history [{time_s, pressure_pa, effective_pressure_p
 tip}]; csv: one row for each of its rows. Of actuators with a response: response
 {history_rows, memory_known, half_width_pa (of the hysteresis loop), uncertainty_pa (of
 the effective pressures, until the memory is known), note (without a history: what is left
-out), with a slow state rest_time_s}.
+out), with a slow state rest_time_s}. Of a scene with keep_out: clearance_m, zone (the
+nearest).
 --tier, --order, --accuracy and --budget replace everything that the scene says about
 the tier.
 Exit code 1 if no shape balances the load.)");
@@ -588,6 +643,9 @@ position_error_m, active_limits [{actuator, limit}], iterations, and the tip and
 With --targets json is {scene, rows [as above]}, csv has a row for each target.
 With --history the pressures are those to go to in one direction from its last row, for the
 effective_pressure_pa that reach the target; response as in `forward`.
+Of a scene with keep_out: clearance_m and zone at the result; status blocked (exit code 1)
+where the arm would come too close on the straight way of the pressures from the start:
+blocked_by, clear_tip_m (the last clear tip on that way; null if the start is too close).
 An unreachable target gives the closest inputs found and exit code 1.)");
   return {command, [arguments, cocontraction](const GlobalOptions& global) {
             arguments->cocontraction_given = cocontraction->count() > 0;

@@ -137,11 +137,12 @@ int run(int argc, char** argv) {
             "folder that keeps this run in a folder of its own; of " + kKept, TypeName{"DIR"});
 
   const Subcommand subcommands[] = {
-      addForward(app),   addInverse(app),    addPayload(app),    addAttain(app),   addEvaluate(app),
-      addFit(app),       addCalibrate(app),  addLocalize(app),   addSimulate(app), addTrade(app),
-      addWorkspace(app), addMotion(app),     addPath(app),       addFollow(app),   addTags(app),
-      addCamera(app),    addCommission(app), addExperiment(app), addCheck(app),    addNew(app),
-      addRegulator(app), addSession(app),    addDoctor(app)};
+      addForward(app),  addInverse(app),    addPayload(app),    addAttain(app),
+      addEvaluate(app), addFit(app),        addCalibrate(app),  addLocalize(app),
+      addSimulate(app), addTrade(app),      addWorkspace(app),  addMotion(app),
+      addPlan(app),     addPath(app),       addFollow(app),     addTags(app),
+      addCamera(app),   addCommission(app), addExperiment(app), addCheck(app),
+      addNew(app),      addRegulator(app),  addSession(app),    addDoctor(app)};
   if (argc == 3 && argv[1] == kNamesOption) {
     printNames(argv[2]);
     return kDone;

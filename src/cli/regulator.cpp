@@ -19,6 +19,7 @@
 #include "arguments.hpp"
 #include "command.hpp"
 #include "helix_arm/basics/text.hpp"
+#include "helix_arm/clearance/sweep.hpp"
 #include "helix_arm/control/safety.hpp"
 #include "helix_arm/regulator/config.hpp"
 #include "helix_arm/regulator/driver.hpp"
@@ -330,6 +331,17 @@ std::vector<std::string> guardCommand(const RegulatorOptions& options,
   return out;
 }
 
+// Refuses pressures on whose way from the atmosphere the arm comes too close to a zone.
+void refuseBlocked(const io::Scene& scene, const Eigen::VectorXd& target) {
+  if (!scene.keep_out) return;
+  const Eigen::VectorXd vented = Eigen::VectorXd::Zero(target.size());
+  const auto blocked = clearance::SweepCheck(scene.model, *scene.keep_out)
+                           .sweep(clearance::pressuresOnTheWay(
+                               scene.safety.channels, scene.safety.rules, vented, vented, target));
+  refuseIf(blocked.has_value(), "the arm ", blocked ? blocked->text() : "",
+           "; give other pressures, or plan a way around: helix_arm plan");
+}
+
 int setRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadRegulatedScene(options, global);
   const Eigen::VectorXd target =
@@ -337,6 +349,7 @@ int setRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
   refuseIf(regulator::isHardware(*scene.regulator) && !options.yes, "set moves the hardware ",
            regulator::describe(*scene.regulator),
            "; add --yes once nobody is within the arm's reach");
+  refuseBlocked(scene, target);
   const InterruptWatch watch;
   std::signal(SIGPIPE, SIG_IGN);  // a reader that has ended must not keep this process from venting
   std::shared_ptr<regulator::GuardProcess> guard;

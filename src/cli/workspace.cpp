@@ -24,6 +24,7 @@
 #include "command.hpp"
 #include "helix_arm/basics/median.hpp"
 #include "helix_arm/basics/text.hpp"
+#include "helix_arm/clearance/sweep.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/io/scene.hpp"
@@ -170,6 +171,7 @@ struct WorkspaceArguments {
 // Summary of the sampled points.
 struct WorkspaceSummary {
   std::uint64_t inputs = 0, unbalanced = 0;
+  std::uint64_t blocked = 0;  // too close to a zone
   double seconds = 0.0;
   statics::WorkspaceExtremes sampled;   // of the points
   statics::WorkspaceExtremes extremes;  // that a search found from there
@@ -177,7 +179,7 @@ struct WorkspaceSummary {
   statics::WorkspacePoints kept;  // tips and sensitivity, for medians and maps
   bool whole = false;             // not interrupted
 
-  std::uint64_t points() const { return inputs - unbalanced; }
+  std::uint64_t points() const { return inputs - unbalanced - blocked; }
   // Median of sensitivity k over the kept points [m]; there is at least one.
   double median(int k) const {
     const auto column = kept.sensitivity.col(k);
@@ -256,22 +258,42 @@ void add(const statics::WorkspacePoints& points, Eigen::Index& kept, WorkspaceSu
   kept += more;
 }
 
+// Keeps the points at which the arm is clear of the zones. @return how many are not.
+int keepClear(const clearance::SweepCheck& zones, statics::WorkspacePoints& points) {
+  Eigen::Index kept = 0;
+  for (Eigen::Index row = 0; row < points.tips.rows(); ++row) {
+    if (!zones.isClear(points.inputs.row(row).transpose())) continue;
+    points.inputs.row(kept) = points.inputs.row(row);
+    points.tips.row(kept) = points.tips.row(row);
+    if (points.sensitivity.rows() > 0) points.sensitivity.row(kept) = points.sensitivity.row(row);
+    ++kept;
+  }
+  const auto blocked = static_cast<int>(points.tips.rows() - kept);
+  points.inputs.conservativeResize(kept, Eigen::NoChange);
+  points.tips.conservativeResize(kept, Eigen::NoChange);
+  if (points.sensitivity.rows() > 0) points.sensitivity.conservativeResize(kept, Eigen::NoChange);
+  return blocked;
+}
+
 // Samples on all threads and takes the pieces in their order, so that the result does not tell how
 // many threads there were. Ends early when interrupted.
+// @param zones  that the arm keeps out of, or null.
 // @param format, file  for the points, committed if it is whole and has any; or null.
 // @throws io::FileError where the file cannot be written.
 WorkspaceSummary sampleWorkspace(const statics::Workspace& workspace,
                                  const WorkspaceArguments& arguments, const CloudFormat& format,
-                                 io::AtomicFile* file) {
+                                 io::AtomicFile* file, const clearance::SweepCheck* zones) {
   struct Piece {
     statics::WorkspacePoints points;
     std::string encoded;
+    int blocked = 0;
   };
   const std::uint64_t total = arguments.inputs();
   const int size = workspace.pieceSize();  // small enough to react to Ctrl-C soon
   const auto make = [&, total, size](std::uint64_t first) {
     const auto count = static_cast<int>(std::min<std::uint64_t>(total - first, size));
     Piece piece{workspace.sample(first, count), {}};
+    if (zones != nullptr) piece.blocked = keepClear(*zones, piece.points);
     if (file != nullptr) piece.encoded = format.encode(piece.points);
     return piece;
   };
@@ -298,10 +320,14 @@ WorkspaceSummary sampleWorkspace(const statics::Workspace& workspace,
     pieces.pop_front();
     if (file != nullptr) file->write(piece.encoded);
     add(piece.points, kept, summary);
+    summary.inputs += static_cast<std::uint64_t>(piece.blocked);
+    summary.blocked += static_cast<std::uint64_t>(piece.blocked);
     progress.reached(summary.inputs);
   }
   summary.seconds = progress.seconds();
-  if (summary.points() > 0) {
+  // The search for extremes knows nothing of zones.
+  if (zones != nullptr) summary.extremes = summary.sampled;
+  if (summary.points() > 0 && zones == nullptr) {
     summary.extremes = statics::findExtremes(workspace.model(), summary.sampled, interrupted);
   }
   summary.whole = !interrupted();
@@ -342,7 +368,12 @@ json reportOf(const io::Scene& scene, const statics::TierSetting& setting,
                 {"out", some ? textOrNull(arguments.out) : json()},
                 {"png", some ? textOrNull(arguments.png) : json()},
                 {"sensitivity", sensitivity}};
-  if (!some) document["failure"] = "no shape balances the load at any sampled input";
+  if (scene.keep_out) document["blocked"] = summary.blocked;
+  if (!some && summary.blocked > 0) {
+    document["failure"] = "the arm is too close to a zone of keep_out at every sampled input";
+  } else if (!some) {
+    document["failure"] = "no shape balances the load at any sampled input";
+  }
   addResponse(scene.arm, model::ArmResponse(scene.arm), 0, document);
   return document;
 }
@@ -437,6 +468,8 @@ int run(WorkspaceArguments arguments, const GlobalOptions& global) {
   const statics::Workspace workspace = workspaceOf(scene, arguments);
   const statics::TierSetting& setting = workspace.model().choice().setting;
   checkPicture(arguments.png, arguments.out);
+  std::optional<clearance::SweepCheck> zones;
+  if (scene.keep_out) zones.emplace(workspace.model(), *scene.keep_out);
   const CloudOrigin origin{scene.name, setting.name(), arguments.seed, arguments.sensitivity};
   WorkspaceSummary summary;
   {
@@ -444,7 +477,8 @@ int run(WorkspaceArguments arguments, const GlobalOptions& global) {
     const CloudFormat format(scene.arm, origin, !arguments.out.empty() && isPly(arguments.out));
     std::optional<io::AtomicFile> file;
     if (!arguments.out.empty()) file.emplace(arguments.out);
-    summary = sampleWorkspace(workspace, arguments, format, file ? &*file : nullptr);
+    summary = sampleWorkspace(workspace, arguments, format, file ? &*file : nullptr,
+                              zones ? &*zones : nullptr);
   }
   if (!summary.whole) {
     std::cerr << "interrupted after " << summary.inputs << " of " << arguments.inputs()
@@ -508,6 +542,8 @@ shape balances the load there or, with --sensitivity, with 1 % more stiffness), 
 (largest distance from the base), sampled_bounds_m, sampled_reach_m, resolution_m, out,
 png, sensitivity (null, or for each {median, max}; medians and maps are of the first 2
 million points). csv: one row of the same. Progress is printed on stderr.
+Of a scene with keep_out, points at which the arm is too close to a zone are left out: json
+counts them as blocked, and bounds and reach are those of the sampled points.
 A file appears only when it is complete. Ctrl-C: nothing is written, exit code 130. Exit
 code 1 if no input balances the load.)");
   return {command, [arguments](const GlobalOptions& global) { return run(*arguments, global); }};

@@ -19,7 +19,7 @@ constexpr std::array<const char*, kFaultCount> kNames = {
     "not_finite",      "wrong_size",    "unknown_name",        "duplicate_name",
     "out_of_range",    "wrong_frame",   "not_unit_quaternion", "unknown_mode",
     "other_commander", "not_converged", "not_enabled",         "stale",
-    "rested"};
+    "rested",          "blocked"};
 
 template <class... Parts>
 Refusal refuse(Fault fault, const Parts&... parts) {

@@ -21,15 +21,17 @@ constexpr double kJumpPart = 0.5;  // of that change within 1 / 2^kHalvings of t
 // Inputs along a path, each position starting from the previous solution.
 class Walk {
  public:
-  Walk(const control::TipPath& path, statics::InverseSolver& solver, Eigen::VectorXd start)
-      : path_(path), solver_(solver), input_(std::move(start)) {}
+  /// @param zones  null: none are looked at.
+  Walk(const control::TipPath& path, statics::InverseSolver& solver, Eigen::VectorXd start,
+       const clearance::SweepCheck* zones = nullptr)
+      : path_(path), solver_(solver), zones_(zones), input_(std::move(start)) {}
 
   const statics::InverseResult& to(double time) {
     const control::TipReference place = path_.at(time);
     const statics::InverseResult& result =
         place.rotation ? solver_.toPose(lie::SE3{*place.rotation, place.position}, input_)
                        : solver_.toPosition(place.position, input_);
-    input_ = result.input;
+    go(result.input);
     return result;
   }
   // Along the line on which a loop approaches the path: what redundant actuators do on the path
@@ -39,15 +41,25 @@ class Walk {
     const double places = std::min(std::ceil(line.norm() / kCheckSpacing), kMostApproachPlaces);
     for (double k = 0; k < places; ++k) {
       if (stops && stops()) return false;
-      input_ = solver_.toPosition(from + k / places * line, input_).input;
+      go(solver_.toPosition(from + k / places * line, input_).input);
+      if (blocked_) return true;
     }
     return true;
   }
   const Eigen::VectorXd& input() const { return input_; }
+  /// The zone that was met first.
+  const std::optional<clearance::Blocked>& blocked() const { return blocked_; }
 
  private:
+  void go(const Eigen::VectorXd& next) {
+    if (zones_ != nullptr && !blocked_) blocked_ = zones_->sweep({input_, next});
+    input_ = next;
+  }
+
   const control::TipPath& path_;
   statics::InverseSolver& solver_;
+  const clearance::SweepCheck* zones_;
+  std::optional<clearance::Blocked> blocked_;
   Eigen::VectorXd input_;
 };
 
@@ -136,6 +148,13 @@ PathRefusal unreachable(const control::TipPath& path, Walk& walk, double since, 
   return out;
 }
 
+PathRefusal blockedBy(const clearance::Blocked& zone, const control::TipPath& path, double time) {
+  PathRefusal out{PathFault::kBlocked, time, path.at(time).position};
+  out.reason = "before " + placeText(time, out.position) + ", the arm " + zone.text() +
+               "; move the path, or plan a way around: helix_arm plan";
+  return out;
+}
+
 // Whether a fast step is a jump: if the step is halved repeatedly, the change stays in one half.
 bool isJump(const control::TipPath& path, statics::InverseSolver& solver, const Fastest& step) {
   Fastest part = step;
@@ -185,10 +204,11 @@ std::optional<PathRefusal> checkPath(const control::TipPath& path, const model::
                                      const PathRules& rules, const std::function<bool()>& stops) {
   validate(rules, arm);
   if (const auto refusal = tooLong(path)) return refusal;
-  Walk walk(path, solver, start);
+  Walk walk(path, solver, start, rules.zones);
   if (!path.hasRotations() && !walk.approach(arm.tip(start).translation, stops)) {
     return std::nullopt;
   }
+  if (walk.blocked()) return blockedBy(*walk.blocked(), path, path.firstTime());
   Fastest fastest;
   double since = path.firstTime();
   Eigen::VectorXd before;  // inputs at that time
@@ -203,6 +223,7 @@ std::optional<PathRefusal> checkPath(const control::TipPath& path, const model::
       if (!(result.residual <= rules.tolerance)) {
         return unreachable(path, walk, time, segment.end, result.residual, rules);
       }
+      if (walk.blocked()) return blockedBy(*walk.blocked(), path, time);
       if (before.size() > 0) fastest.see({since, time}, before, result.input, rules);
       if (before.size() > 0 && time - since < kLeastWindow) continue;
       since = time;

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/clearance/sweep.hpp"
 #include "helix_arm/control/safety.hpp"
 #include "helix_arm/procedures/commissioning.hpp"
 #include "helix_arm/procedures/suspect_watch.hpp"
@@ -452,6 +453,8 @@ std::optional<follow::PathRefusal> checkPath(const io::Scene& scene, const contr
   rules.slew.resize(static_cast<Eigen::Index>(channels.size()));
   std::transform(channels.begin(), channels.end(), rules.slew.begin(),
                  [](const control::ChannelRules& channel) { return channel.slew; });
+  std::optional<clearance::SweepCheck> zones;
+  if (scene.keep_out) rules.zones = &zones.emplace(scene.model, *scene.keep_out);
   return follow::checkPath(path, scene.arm, solver, scene.arm.inputAt(0.0), rules);
 }
 

@@ -13,6 +13,7 @@
 #include "helix_arm/basics/median.hpp"
 #include "helix_arm/basics/pi.hpp"
 #include "helix_arm/basics/text.hpp"
+#include "helix_arm/clearance/sweep.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/localization/arm_view.hpp"
 #include "helix_arm/localization/placed_view.hpp"
@@ -24,6 +25,7 @@
 #include "helix_arm/simulation/simulated_vision.hpp"
 #include "helix_arm/statics/load.hpp"
 #include "helix_arm/statics/tier.hpp"
+#include "helix_arm/statics/workspace.hpp"
 
 namespace helix_arm::procedures {
 namespace {
@@ -545,6 +547,29 @@ std::optional<VisionFigures> checkVision(const io::Scene& scene, int samples,
   return figures;
 }
 
+// The arm at its lower limits, from which most motions begin, and at inputs drawn for the camera.
+void checkZones(const io::Scene& scene, int samples, std::vector<Finding>& findings) {
+  if (!scene.keep_out) return;
+  const clearance::SweepCheck zones(scene.model, *scene.keep_out);
+  const auto blocked = zones.sweep({scene.arm.inputAt(0.0)});
+  if (blocked) {
+    findings.push_back({Severity::kFault, "zone", blocked->zone.empty() ? "load" : blocked->zone,
+                        "at its lower limits the arm " + blocked->text(),
+                        "correct the zone; if the arm is mounted on it, say from_m"});
+  }
+  if (samples == 0) return;
+  const statics::WorkspacePoints drawn = statics::Workspace(scene.model).sample(0, samples);
+  int clear = 0;
+  for (Eigen::Index row = 0; row < drawn.inputs.rows(); ++row) {
+    clear += zones.isClear(drawn.inputs.row(row).transpose()) ? 1 : 0;
+  }
+  const std::string part = figure(100.0 * clear / std::max(1, drawn.count()), 2);
+  findings.push_back({clear == 0 ? Severity::kFault : Severity::kNote, "clear_part", "keep_out",
+                      "at " + part + " % of " + std::to_string(drawn.count()) +
+                          " drawn inputs the arm is clear of all zones",
+                      "move or shrink the zones if that is too little"});
+}
+
 }  // namespace
 
 const char* nameOf(Severity severity) {
@@ -589,6 +614,7 @@ RigCheck checkRig(const io::Scene& scene, int samples) {
   check.vision = checkVision(scene, samples, check.findings);
   checkCurves(scene, check.findings);
   checkLoad(scene, check.findings);
+  checkZones(scene, samples, check.findings);
   checkRegulator(scene, check.findings);
   sortBySeverity(check.findings);
   return check;

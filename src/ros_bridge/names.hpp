@@ -53,6 +53,7 @@ inline constexpr char kRunExperiment[] = "run_experiment";
 inline constexpr char kCloseLoop[] = "close_loop";
 inline constexpr char kReset[] = "reset";
 inline constexpr char kFollowTipPath[] = "follow_tip_path";
+inline constexpr char kPlanTipPath[] = "plan_tip_path";
 
 // Nodes.
 inline constexpr char kPressureCommandNode[] = "pressure_command";

@@ -201,5 +201,33 @@ TEST(PathCheckOfRedundantArms, PressuresThatChangeLeastFollowWhereTheLowestJump)
   EXPECT_GE(jumps, 3) << "the regime of this test";
 }
 
+// A ball beside the path, and one between two clear points of it.
+TEST_F(PathCheck, AZoneOnTheWayIsNamed) {
+  const Eigen::Vector3d from = tipAt({0.9, 0.1, 0.1}), to = tipAt({0.1, 0.9, 0.1});
+  const TipPath path = straight(from, to, 60);
+  ASSERT_FALSE(check(path));
+  clearance::KeepOut keep_out;
+  keep_out.radii = {0.02};
+  clearance::Zone ball{"ball", clearance::Sphere{0.003}, {}};
+  const auto refusal = [&](const Eigen::Vector3d& place) {
+    ball.X_WZ.translation = place;
+    keep_out.zones = {ball};
+    const clearance::SweepCheck zones(arm, keep_out);
+    return checkPath(path, arm, solver, arm.inputAt(0.0),
+                     {kPathTolerance, Eigen::VectorXd::Constant(3, kSlew), &zones});
+  };
+  const auto blocked = refusal(0.5 * (from + to) + Eigen::Vector3d(0.01, 0, 0));
+  ASSERT_TRUE(blocked);
+  EXPECT_EQ(blocked->fault, PathFault::kBlocked);
+  EXPECT_TRUE(test::has(blocked->reason, "of ball; clearance_m asks for 10.0 mm"))
+      << blocked->reason;
+  EXPECT_LT(blocked->time, 30);
+  // The arm begins straight, and passes it on its way to the first point.
+  const auto before = refusal(0.5 * (arm.tip(arm.inputAt(0.0)).translation + from));
+  ASSERT_TRUE(before);
+  EXPECT_EQ(before->time, 0);
+  EXPECT_FALSE(refusal(to + Eigen::Vector3d(0.2, 0, 0)));
+}
+
 }  // namespace
 }  // namespace helix_arm::follow

@@ -28,8 +28,9 @@ enum class Fault {
   kNotEnabled,
   kStale,
   kRested,
+  kBlocked,  ///< the arm would come too close to a zone that it keeps out of
 };
-inline constexpr int kFaultCount = 13;
+inline constexpr int kFaultCount = 14;
 
 /// Remedy for stamps that are `age` behind the clock they are compared with [s].
 const char* whyLate(double age);

@@ -5,6 +5,7 @@
 #include <optional>
 #include <string>
 
+#include "helix_arm/clearance/sweep.hpp"
 #include "helix_arm/control/tip_path.hpp"
 #include "helix_arm/model/arm.hpp"
 #include "helix_arm/statics/inverse.hpp"
@@ -26,11 +27,14 @@ inline constexpr int kMostCheckPlaces = 1'000'000;
 struct PathRules {
   double tolerance = kPathTolerance;  ///< largest residual of the inverse, > 0 [m]
   Eigen::VectorXd slew;               ///< (n) of the set points, > 0, may be infinite [Pa/s]
+  /// Zones that the arm keeps out of on its way to the path and on it; null: none.
+  const clearance::SweepCheck* zones = nullptr;
 };
 
 /// Why a path cannot be followed.
 enum class PathFault {
   kUnreachable,  ///< it leaves what the arm reaches
+  kBlocked,      ///< the arm would come too close to a zone
   kJump,         ///< the pressures have to jump, however slowly it is run
   kTooFast,      ///< the pressures have to change faster than they may
   kTooLong,      ///< it has more than kMostCheckPlaces places

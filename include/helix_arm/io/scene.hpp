@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "helix_arm/calibration/calibration.hpp"
+#include "helix_arm/clearance/keep_out.hpp"
 #include "helix_arm/control/safety.hpp"
 #include "helix_arm/dynamics/motion_config.hpp"
 #include "helix_arm/follow/visual_servo_config.hpp"
@@ -75,8 +76,9 @@ struct Scene {
   std::optional<model::PlanarArm> planar;
   /// The same arm with its load, computed by the tier that the scene asks for or needs.
   statics::ArmModel model;
-  dynamics::MotionConfig dynamics;  ///< what its motion takes besides the model
-  std::vector<SectionLook> looks;   ///< (sections)
+  dynamics::MotionConfig dynamics;             ///< what its motion takes besides the model
+  std::vector<SectionLook> looks;              ///< (sections)
+  std::optional<clearance::KeepOut> keep_out;  ///< where the arm may not be
   std::optional<regulator::Config> regulator;
   std::optional<estimation::TagLayout> tags;  ///< or its motion-capture bodies
   estimation::TagPrior tag_prior;             ///< uncertainty of their placements

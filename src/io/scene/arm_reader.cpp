@@ -15,8 +15,11 @@ namespace helix_arm::io {
 namespace {
 
 // Pose of the tip, seen from the end of the last section's plate.
-void readTool(const MapReader& arm, const std::string& key, bool planar, lie::SE3& X) {
-  const MapReader keys = *arm.map(key, poseKeys(X, kCoordinate));
+void readTool(const MapReader& arm, const std::string& key, bool planar, lie::SE3& X,
+              std::optional<clearance::ToolBody>& body) {
+  const std::vector<Key> pose = poseKeys(X, kCoordinate);
+  const MapReader keys = *arm.map(key, {pose[0], pose[1], "body"});
+  body = readToolBody(keys);
   if (planar && X.translation.z() != 0) {
     keys.complain("position_m", "leaves the plane; expected z = 0 in a planar arm");
   }
@@ -78,13 +81,14 @@ std::optional<ArmParts> readArm(const MapReader& scene, const Contractions& cont
   FaultList& faults = scene.faults();
   bool planar = false;
   lie::SE3 X_WB, tool;
+  std::optional<clearance::ToolBody> tool_body;
   scene.required("arm", "a map");
   const auto arm = scene.map("arm", {Key("geometry", kGeometry, planar).required(),
                                      {"base", poseKeys(X_WB, kFinite)},
                                      "stiffness",
                                      "sections",
                                      {"tool", [&](const MapReader& map, const std::string& key) {
-                                        readTool(map, key, planar, tool);
+                                        readTool(map, key, planar, tool, tool_body);
                                       }}});
   if (!arm) return std::nullopt;
   ArmContext context{planar, readStiffness(*arm, {}), contractions};
@@ -115,7 +119,7 @@ std::optional<ArmParts> readArm(const MapReader& scene, const Contractions& cont
     std::optional<model::PlanarArm> flat;
     if (planar) flat = planarArm(sections, tool);
     const model::Arm spatial = flat ? model::embed(*flat) : model::Arm(std::move(sections), tool);
-    return ArmParts{X_WB, spatial, flat, looks, K_eps, tables};
+    return ArmParts{X_WB, spatial, flat, looks, K_eps, tables, tool_body};
   } catch (const std::invalid_argument& error) {
     arm->complain("sections", "do not form an arm: ", error.what());
     return std::nullopt;
@@ -313,9 +317,10 @@ std::optional<statics::ArmModel> readModel(const MapReader& scene, const ArmPart
 
 const DocumentKind& sceneKind() {
   static const DocumentKind kind{
-      {"name", "contractions", "arm", "load", "dynamics", "tier", "order", "accuracy", "budget",
-       "tags", "bodies", "motion_capture", "camera", "vision", "simulation", "regulator", "safety",
-       "follow", "calibration"},
+      {"name",   "contractions", "arm",        "load",     "dynamics",    "tier",
+       "order",  "accuracy",     "budget",     "tags",     "bodies",      "motion_capture",
+       "camera", "vision",       "simulation", "keep_out", "clearance_m", "regulator",
+       "safety", "follow",       "calibration"},
       {"name", "contractions", "arm"},
       2};
   return kind;

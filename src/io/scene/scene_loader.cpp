@@ -12,12 +12,23 @@
 
 namespace helix_arm::io {
 
+namespace {
+
+// Files that the scene names relative to its folder.
+std::vector<Value*> relativePaths(Value& document) {
+  std::vector<Value*> out = relativeMeshes(document);
+  if (Value* profile = relativeProfile(document)) out.push_back(profile);
+  return out;
+}
+
+}  // namespace
+
 SceneDocument readSceneDocument(const std::string& path, const std::vector<Override>& overrides,
                                 FaultList& faults) {
   const std::string text = readSceneText(path, faults);
   Value document = parseScene(text, overrides, faults);
-  if (Value* profile = relativeProfile(document)) {
-    profile->text = std::filesystem::absolute(path).parent_path() / profile->text;
+  for (Value* file : relativePaths(document)) {
+    file->text = std::filesystem::absolute(path).parent_path() / file->text;
   }
   return {std::move(document), sha256Of(text)};
 }
@@ -28,7 +39,7 @@ std::string sceneText(const std::string& path, const std::vector<Override>& over
     std::string text = readSceneText(path, faults);
     Value plain = parseScene(text, {}, faults);
     faults.throwIfAny();
-    if (relativeProfile(plain) == nullptr) return text;
+    if (relativePaths(plain).empty()) return text;
   }
   const SceneDocument scene = readSceneDocument(path, overrides, faults);
   faults.throwIfAny();
@@ -127,6 +138,7 @@ Scene makeScene(const Value& document, FaultList& faults) {
   SimulationConfig simulation = readSimulation(keys, known_arm, load, dynamics);
   auto regulator = readRegulator(keys, known_arm);
   SafetyConfig safety = readSafety(keys, known_arm, regulator);
+  std::optional<clearance::KeepOut> keep_out = readKeepOut(keys, known_arm);
   const follow::VisualServoConfig follow =
       readFollow(keys, safety, regulator, slowestOf(keys, known_arm, load, dynamics));
   std::optional<Provenance> calibration = readProvenance(keys);
@@ -138,6 +150,7 @@ Scene makeScene(const Value& document, FaultList& faults) {
   scene.X_WB = arm->X_WB;
   scene.planar = std::move(arm->planar);
   scene.dynamics = dynamics;
+  scene.keep_out = std::move(keep_out);
   scene.looks = std::move(arm->looks);
   scene.regulator = std::move(regulator);
   if (tags) {

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "helix_arm/clearance/keep_out.hpp"
 #include "helix_arm/dynamics/motion_config.hpp"
 #include "helix_arm/io/regulator_profile.hpp"
 #include "helix_arm/io/scene.hpp"
@@ -79,6 +80,7 @@ struct ArmParts {
   std::vector<SectionLook> looks;
   std::vector<double> K_eps;                    ///< per section [N]; empty if one has none
   std::vector<statics::StiffnessTable> tables;  ///< per section; empty if all are constant
+  std::optional<clearance::ToolBody> tool_body = {};
 };
 
 /// The sections by their names; what they stand for is their index.
@@ -159,6 +161,13 @@ std::optional<regulator::Config> readRegulator(const MapReader& scene, const Arm
 /// Reads `safety`. Without an arm, there are no channels.
 SafetyConfig readSafety(const MapReader& scene, const ArmParts* arm,
                         const std::optional<regulator::Config>& regulator);
+
+/// Reads `body` of a tool.
+std::optional<clearance::ToolBody> readToolBody(const MapReader& tool);
+/// Reads `keep_out` and `clearance_m`.
+std::optional<clearance::KeepOut> readKeepOut(const MapReader& scene, const ArmParts* arm);
+/// The meshes that a scene names by paths relative to its folder.
+std::vector<Value*> relativeMeshes(Value& scene);
 
 /// Reads `dynamics`.
 dynamics::MotionConfig readDynamics(const MapReader& scene);

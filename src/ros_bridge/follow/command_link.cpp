@@ -36,6 +36,7 @@ void CommandLink::ask() {
 
 void CommandLink::fallSilent() {
   speaks_ = accepted_ = false;
+  blocked_.clear();
   passing_.reset();
   lasting_.reset();
 }
@@ -95,7 +96,9 @@ void CommandLink::onStatus(const TargetStatusConstPtr& status) {
       status->target_stamp < first_stamp_) {
     return;
   }
-  if (status->outcome != TargetStatus::DROPPED) {
+  const bool is_blocked = status->fault == control::nameOf(Fault::kBlocked);
+  blocked_ = is_blocked ? basics::quoted(status->message, kLongestMessage) : "";
+  if (status->outcome != TargetStatus::DROPPED || is_blocked) {
     accepted_ = true;
     passing_.reset();
     return;

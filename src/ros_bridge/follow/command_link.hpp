@@ -59,6 +59,8 @@ class CommandLink {
 
   /// Why the arm does not follow, where waiting does not help; nothing while it follows or may yet.
   std::optional<control::Refusal> refusal() const;
+  /// Why the last target was not let through by a zone: the arm stays; empty if it was.
+  const std::string& blocked() const { return blocked_; }
   /// Why the arm does not follow now.
   std::string whyNot() const;
 
@@ -80,6 +82,7 @@ class CommandLink {
   bool accepted_ = false;       ///< by the last answer to them
   ros::SteadyTime asks_since_;  ///< targets are sent that the arm does not follow
   std::optional<control::Refusal> passing_, lasting_;  ///< last refusals
+  std::string blocked_;
   CommandTrace trace_;
   bool rests_ = false;  ///< rest is asked for when the last target is answered
   FaultCount bad_commands_;

@@ -80,6 +80,8 @@ void FollowAction::prepare(double time) {
     end({Result::NOT_ENABLED, other->message});
   } else if (const auto refusal = link_.refusal()) {
     end({Result::NOT_ENABLED, refusal->message});
+  } else if (!link_.blocked().empty()) {
+    end({Result::NOT_ENABLED, link_.blocked()});
   } else if (link_.follows() && !run_->follows) {
     begin(time);
   } else if (run_->follows && !link_.follows()) {
@@ -221,13 +223,16 @@ PathCheck FollowAction::pathCheck() const {
       scene_.arm.clamped(link_.setPoint().value_or(scene_.arm.inputAt(0)));
   statics::InverseOptions options;
   options.preference = scene_.follow.preference;
-  return [slew, start, options, model = scene_.model, correction = loop_.tracker().correction()](
-             const control::TipPath& path, double tolerance,
-             const std::atomic<bool>& stop) -> std::string {
+  std::optional<clearance::SweepCheck> zones;
+  if (scene_.keep_out) zones.emplace(scene_.model, *scene_.keep_out);
+  return [slew, start, options, zones, model = scene_.model,
+          correction = loop_.tracker().correction()](const control::TipPath& path, double tolerance,
+                                                     const std::atomic<bool>& stop) -> std::string {
     statics::InverseSolver solver(model, options);
     solver.correct(correction);
-    const auto refusal = follow::checkPath(path, model.arm(), solver, start, {tolerance, slew},
-                                           [&stop] { return stop.load(); });
+    const follow::PathRules rules{tolerance, slew, zones ? &*zones : nullptr};
+    const auto refusal =
+        follow::checkPath(path, model.arm(), solver, start, rules, [&stop] { return stop.load(); });
     return refusal ? refusal->reason : std::string();
   };
 }

@@ -249,6 +249,7 @@ void VisualServoNode::tellSuspect() {
 
 std::string VisualServoNode::stateReason() {
   const LoopState state = loop_.state();
+  if (!link_.blocked().empty()) return link_.blocked();
   const bool unseen = state == LoopState::kCoasting || (state == LoopState::kOpen && closes_);
   if (loop_.turn().held && unseen) {
     return "contact with the arm, and no picture of it since then: path and correction are held "

@@ -67,13 +67,20 @@ std::shared_ptr<regulator::GuardProcess> startGuardProcess(const std::string& sc
 PressureCommandNode::PressureCommandNode()
     : shapes_(node_, scene_, options_,
               [this](const TipTarget& target) { intake_.takeFromHandle(target); }),
-      loop_(node_, scene_.arm, options_.rate, options_.realtime_priority, startPath(),
-            options_.auto_enable && scene_.regulator && !regulator::isHardware(*scene_.regulator),
-            [this](const PressureLoop::Reading& reading) {
-              shapes_.take(reading.pressure, reading.stamp);
-            }),
-      intake_(node_, scene_, shapes_.baseFrame(), shapes_.response(), loop_),
+      gate_(node_, scene_, shapes_.baseFrame(), 1.0 / options_.draw_rate, shapes_.response(),
+            [this] { loop_.hold(); }),
+      loop_(
+          node_, scene_.arm, options_.rate, options_.realtime_priority, startPath(),
+          options_.auto_enable && scene_.regulator && !regulator::isHardware(*scene_.regulator),
+          [this](const PressureLoop& loop, const Eigen::VectorXd& target) {
+            return gate_.refusalOf(loop, target);
+          },
+          [this](const PressureLoop::Reading& reading) {
+            shapes_.take(reading.pressure, reading.stamp);
+          }),
+      intake_(node_, scene_, shapes_.baseFrame(), shapes_.response(), loop_, gate_),
       model_server_(ros::NodeHandle("~"), scene_.model),
+      plan_server_(ros::NodeHandle("~"), scene_, shapes_.baseFrame(), loop_),
       reload_(ros::NodeHandle("~"), options_.scene, options_.scene_folder,
               [this](io::Scene next) { adopt(std::move(next)); }) {
   using Self = PressureCommandNode;
@@ -167,8 +174,10 @@ void PressureCommandNode::adopt(io::Scene next) {
   watched_.requireFree();
   loop_.adopt(next.arm, next.safety.channels, next.safety.rules);
   scene_ = std::move(next);
+  gate_.adopt();
   intake_.adopt();
   model_server_.adopt(scene_.model);
+  plan_server_.adopt(scene_);
   tellTier();
   shapes_.adopt();
 }
@@ -177,6 +186,7 @@ void PressureCommandNode::onDraw(const ros::SteadyTimerEvent&) {
   if (options_.handle) shapes_.moveHandle(loop_.goal());
   const PressureLoop::Snapshot path = loop_.snapshot();
   shapes_.draw(path.report, path.reason);
+  gate_.draw(shapes_.drawn());
 }
 
 DiagnosticStatus PressureCommandNode::loopStatus(const PressureLoop::Snapshot& path) {

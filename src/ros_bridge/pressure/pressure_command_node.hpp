@@ -12,7 +12,9 @@
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/regulator/guard_process.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
+#include "keep_out_gate.hpp"
 #include "model_server.hpp"
+#include "plan_server.hpp"
 #include "pressure_command_options.hpp"
 #include "pressure_loop.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
@@ -75,10 +77,12 @@ class PressureCommandNode : public Node {
   DiagnosticsPublisher diagnostics_{node_};
   const LoopWatch watched_{node_};
   ShapePublisher shapes_;
+  KeepOutGate gate_;                                ///< of loop_
   std::shared_ptr<regulator::GuardProcess> guard_;  ///< of hardware
   PressureLoop loop_;                               ///< its readings go to shapes_
   TargetIntake intake_;
   ModelServer model_server_;
+  PlanServer plan_server_;
   ReloadServer reload_;
   ros::SteadyTimer draw_timer_, diagnose_timer_;
 };

@@ -134,10 +134,11 @@ DiagnosticStatus channelStatus(const io::Scene& scene, const PressureLoop::Snaps
 
 PressureLoop::PressureLoop(ros::NodeHandle node, const model::Arm& arm, double rate,
                            int realtime_priority, regulator::PressurePath path, bool auto_enable,
-                           Take take)
+                           Gate gate, Take take)
     : period_(1.0 / rate),
       realtime_priority_(realtime_priority),
       auto_enable_(auto_enable),
+      gate_(std::move(gate)),
       take_(std::move(take)),
       arm_(arm),
       path_(std::move(path)),
@@ -169,6 +170,11 @@ PressureLoop::~PressureLoop() {
 
 std::optional<control::Refusal> PressureLoop::command(const std::string& commander,
                                                       const Eigen::VectorXd& pressure) {
+  if (auto blocked = gate_(*this, pressure)) {
+    const regulator::PriorityLock lock(mutex_);
+    if (!path_.core().report().resting) path_.target(steadyNow(), path_.core().goal());
+    return blocked;
+  }
   const regulator::PriorityLock lock(mutex_);
   const double now = steadyNow();
   control::SafetyCore& core = path_.core();
@@ -185,6 +191,18 @@ std::optional<control::Refusal> PressureLoop::command(const std::string& command
   publish(now);
   if (refusal.empty()) return std::nullopt;
   return control::Refusal{control::Fault::kNotEnabled, refusal};
+}
+
+void PressureLoop::hold() {
+  const regulator::PriorityLock lock(mutex_);
+  if (path_.core().report().resting) return;
+  path_.target(steadyNow(), path_.core().orders().set_point);
+}
+
+PressureLoop::Course PressureLoop::course() const {
+  const regulator::PriorityLock lock(mutex_);
+  const control::SafetyCore& core = path_.core();
+  return {core.channels(), core.rules(), core.orders().set_point, core.reading()};
 }
 
 void PressureLoop::adopt(const model::Arm& arm, std::vector<control::ChannelRules> channels,

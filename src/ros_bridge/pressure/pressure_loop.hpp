@@ -45,6 +45,15 @@ class PressureLoop {
     ros::Time stamp;
   };
   using Take = std::function<void(const Reading&)>;
+  /// Where the path is, and how it moves.
+  struct Course {
+    std::vector<control::ChannelRules> channels;
+    control::SafetyRules rules;
+    Eigen::VectorXd set_point, reading;  ///< (n) [Pa]; reading NaN before the first
+  };
+  /// Why a target (n) [Pa] is not let through; nothing if it may be commanded.
+  using Gate = std::function<std::optional<control::Refusal>(const PressureLoop& loop,
+                                                             const Eigen::VectorXd& target)>;
 
   /// The pressure path at one moment.
   struct Snapshot {
@@ -62,19 +71,25 @@ class PressureLoop {
   /// @param realtime_priority  Of its thread, as scheduleRealtime(), where that is allowed.
   /// @param path               Without I/O, readings come from pressure_measured of another node.
   /// @param auto_enable        A target enables the path, as SafetyCore::mayEnableItself() allows.
+  /// @param gate               Asked before each command, in the thread that commands.
   /// @param take               Receives the readings, in order, from the node's own callback
   ///                           queue; only the last where it cannot keep up.
   PressureLoop(ros::NodeHandle node, const model::Arm& arm, double rate, int realtime_priority,
-               regulator::PressurePath path, bool auto_enable, Take take);
+               regulator::PressurePath path, bool auto_enable, Gate gate, Take take);
   ~PressureLoop();
   PressureLoop(const PressureLoop&) = delete;
   PressureLoop& operator=(const PressureLoop&) = delete;
 
   /// Sets the target of a commander: (n), inside the limits [Pa]. After a rest that another asked
   /// for, it is refused until it pauses for target_timeout, asks for rest, or the arm is enabled.
+  /// A target that the gate refuses leaves the command as it is; its commander is not silent.
   std::optional<control::Refusal> command(const std::string& commander,
                                           const Eigen::VectorXd& pressure)
       HELIX_ARM_EXCLUDES(mutex_);
+
+  /// Keeps the set points where they are, unless the arm goes to rest.
+  void hold() HELIX_ARM_EXCLUDES(mutex_);
+  Course course() const HELIX_ARM_EXCLUDES(mutex_);
 
   /// Replaces the rules of the same channels, and the arm with the same actuators.
   /// @throws std::invalid_argument as SafetyCore::adopt; the old ones stay.
@@ -113,6 +128,7 @@ class PressureLoop {
   const double period_;  ///< [s]
   const int realtime_priority_;
   const bool auto_enable_;
+  const Gate gate_;
   const Take take_;
 
   mutable regulator::PriorityMutex mutex_;  ///< also orders the commands

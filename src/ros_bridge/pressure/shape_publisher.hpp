@@ -50,6 +50,9 @@ class ShapePublisher {
   /// Responses of the actuators to the pressures measured so far.
   const model::ArmResponse& response() const { return response_; }
 
+  /// The shape that is on the screen; null if there is none.
+  const model::Shape* drawn() const { return drawn_ ? &solution_.shape : nullptr; }
+
   const std::string& baseFrame() const { return frames_.base; }
 
   /// The status `<node>: model`: its tier, and whether it finds a shape.

@@ -9,19 +9,19 @@
 
 namespace helix_arm::ros_bridge {
 
-namespace {
-
-TargetStatus answerTo(const TargetSender& sender) {
+TargetStatus TargetAdmission::answerTo(const TargetSender& sender) const {
   TargetStatus status;
   status.header.stamp = ros::Time::now();
   status.target_stamp = sender.stamp;
   status.topic = sender.topic;
   status.commander = sender.commander;
   status.outcome = TargetStatus::REACHED;
+  status.clearance = nearest_.clearance;
+  status.zone = nearest_.zone;
+  status.has_clear_tip = nearest_.clear_tip.has_value();
+  if (nearest_.clear_tip) status.clear_tip = toPointMsg(*nearest_.clear_tip);
   return status;
 }
-
-}  // namespace
 
 TargetSender::TargetSender(const ros::Time& time)
     : topic(names::kTipTarget), commander(names::kInteractiveMarker), stamp(time), ages(false) {}

@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cstdint>
+#include <limits>
 #include <optional>
 #include <string>
 #include <variant>
@@ -46,6 +47,13 @@ struct TargetSolution {
   const std::vector<statics::Limit>& limits;  ///< (n)
 };
 
+/// The zone that the arm is nearest to, or would come too close to.
+struct NearestZone {
+  double clearance = std::numeric_limits<double>::infinity();  ///< [m]
+  std::string zone;                                            ///< empty: none
+  std::optional<Eigen::Vector3d> clear_tip;  ///< if a target is blocked, the last one before [m]
+};
+
 /// Decides whose targets are taken, by their stamps and a lease, and publishes target_status: one
 /// answer per target. Counts them, and warns of those that are dropped or out of reach.
 class TargetAdmission {
@@ -69,6 +77,9 @@ class TargetAdmission {
   /// Grants or renews the lease of a commander, or says who holds it.
   std::optional<control::Refusal> claim(const std::string& commander);
 
+  /// Told in the answers from now on.
+  void tell(const NearestZone& nearest) { nearest_ = nearest; }
+
   void drop(const TargetSender& sender, const control::Refusal& refusal);
   /// Answers a target that the command realises.
   void accept(const TargetSender& sender);
@@ -79,6 +90,7 @@ class TargetAdmission {
   diagnostic_msgs::DiagnosticStatus status();
 
  private:
+  TargetStatus answerTo(const TargetSender& sender) const;
   std::optional<control::Refusal> refusalOf(const TargetSender& sender,
                                             const control::Refusal* of_value);
   /// At most one line per fault and period.
@@ -91,6 +103,7 @@ class TargetAdmission {
   FaultCount unreachable_;
   std::array<FaultCount, control::kFaultCount> dropped_;
   std::string last_fault_;
+  NearestZone nearest_;
   bool news_ = false;  ///< a target was dropped or out of reach since the last status
   ros::Publisher publisher_;
 };

@@ -9,11 +9,13 @@
 namespace helix_arm::ros_bridge {
 
 TargetIntake::TargetIntake(ros::NodeHandle node, const io::Scene& scene, std::string base_frame,
-                           const model::ArmResponse& response, PressureLoop& loop)
+                           const model::ArmResponse& response, PressureLoop& loop,
+                           const KeepOutGate& gate)
     : scene_(scene),
       base_frame_(std::move(base_frame)),
       response_(response),
       loop_(loop),
+      gate_(gate),
       solver_(scene.model),
       lower_(scene.arm.inputAt(0)),
       upper_(lower_),
@@ -81,6 +83,7 @@ void TargetIntake::follow(const TargetSender& sender, const statics::InverseResu
 
 bool TargetIntake::command(const TargetSender& sender, const Eigen::VectorXd& pressure) {
   const auto refusal = loop_.command(sender.commander, pressure);
+  admission_.tell(gate_.nearest());
   if (refusal) admission_.drop(sender, *refusal);
   return !refusal;
 }

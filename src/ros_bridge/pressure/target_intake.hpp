@@ -16,6 +16,7 @@
 #include "helix_arm/model/arm_response.hpp"
 #include "helix_arm/regulator/realtime.hpp"
 #include "helix_arm/statics/inverse.hpp"
+#include "keep_out_gate.hpp"
 #include "pressure_loop.hpp"
 #include "target_admission.hpp"
 
@@ -33,8 +34,9 @@ class TargetIntake {
   /// @param base_frame  Frame of tip targets.
   /// @param response    Of the arm, as it has followed the measured pressures. Kept by reference.
   /// @param loop        Takes accepted targets.
+  /// @param gate        The loop's, whose nearest zone is told. Kept by reference.
   TargetIntake(ros::NodeHandle node, const io::Scene& scene, std::string base_frame,
-               const model::ArmResponse& response, PressureLoop& loop);
+               const model::ArmResponse& response, PressureLoop& loop, const KeepOutGate& gate);
 
   /// A target from the interactive marker, whose stamp is not checked.
   void takeFromHandle(const TipTarget& target);
@@ -67,6 +69,7 @@ class TargetIntake {
   const std::string base_frame_;
   const model::ArmResponse& response_;
   PressureLoop& loop_;
+  const KeepOutGate& gate_;
   statics::InverseSolver solver_;
   Eigen::VectorXd lower_, upper_;  // of effective pressures
   TargetAdmission admission_;

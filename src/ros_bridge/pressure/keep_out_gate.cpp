@@ -1,0 +1,196 @@
+#include "keep_out_gate.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+#include <variant>
+#include <vector>
+
+#include "helix_arm/basics/text.hpp"
+#include "ros_bridge/common/conversions.hpp"
+#include "ros_bridge/common/guarded_callbacks.hpp"
+#include "ros_bridge/names.hpp"
+
+namespace helix_arm::ros_bridge {
+namespace {
+
+using visualization_msgs::Marker;
+
+constexpr double kFreshSight = 1.0;  // an older one does not tell where the arm is [s]
+constexpr double kPlate = 2.0;       // edge of a drawn half-space [m]
+constexpr double kPlateHeight = 0.002;
+constexpr double kMoved = 2e3;    // of a set point, while the way was checked [Pa]
+constexpr double kCloser = 1e-3;  // than it was seen before [m]
+constexpr int kMostChecks = 5;
+
+std_msgs::ColorRGBA zoneColor(bool used_up) {
+  std_msgs::ColorRGBA out;
+  out.r = used_up ? 1.0F : 0.7F;
+  out.g = used_up ? 0.2F : 0.7F;
+  out.b = used_up ? 0.15F : 0.75F;
+  out.a = used_up ? 0.7F : 0.35F;
+  return out;
+}
+
+void setScale(Marker& marker, double x, double y, double z) {
+  marker.scale.x = x;
+  marker.scale.y = y;
+  marker.scale.z = z;
+}
+
+}  // namespace
+
+visualization_msgs::MarkerArray ZoneMarkers::draw(const clearance::KeepOut& keep_out, int nearest,
+                                                  bool used_up, const ros::Time& stamp) {
+  begin(stamp);
+  const lie::SE3 X_BW = keep_out.X_WB.inverse();
+  for (int i = 0; i < static_cast<int>(keep_out.zones.size()); ++i) {
+    const clearance::Zone& zone = keep_out.zones[static_cast<std::size_t>(i)];
+    addZone(zone, X_BW * zone.X_WZ, zoneColor(used_up && i == nearest), i);
+  }
+  return end();
+}
+
+void ZoneMarkers::addZone(const clearance::Zone& zone, const lie::SE3& X_BZ,
+                          const std_msgs::ColorRGBA& color, int id) {
+  const auto place = [&](int type, double x, double y, double z) -> Marker& {
+    Marker& marker = add("zones", type, color, id);
+    marker.pose = toPoseMsg(X_BZ);
+    setScale(marker, x, y, z);
+    return marker;
+  };
+  if (const auto* box = std::get_if<clearance::Box>(&zone.form)) {
+    place(Marker::CUBE, box->size.x(), box->size.y(), box->size.z());
+  } else if (const auto* round = std::get_if<clearance::Cylinder>(&zone.form)) {
+    place(Marker::CYLINDER, 2 * round->radius, 2 * round->radius, round->length);
+  } else if (const auto* ball = std::get_if<clearance::Sphere>(&zone.form)) {
+    place(Marker::SPHERE, 2 * ball->radius, 2 * ball->radius, 2 * ball->radius);
+  } else if (const auto* mesh = std::get_if<clearance::Mesh>(&zone.form)) {
+    Marker& marker = place(Marker::TRIANGLE_LIST, 1, 1, 1);
+    for (const auto& triangle : mesh->triangles) {
+      for (const int corner : triangle) {
+        marker.points.push_back(toPointMsg(mesh->corners[static_cast<std::size_t>(corner)]));
+      }
+    }
+  } else {
+    place(Marker::CUBE, kPlate, kPlate, kPlateHeight);
+  }
+}
+
+KeepOutGate::KeepOutGate(ros::NodeHandle node, const io::Scene& scene,
+                         const std::string& base_frame, double draw_period,
+                         const model::ArmResponse& response, std::function<void()> stop)
+    : scene_(scene),
+      base_frame_(base_frame),
+      response_(response),
+      stop_(std::move(stop)),
+      node_(std::move(node)),
+      markers_(base_frame, draw_period) {
+  adopt();
+}
+
+void KeepOutGate::adopt() {
+  check_.reset();
+  close_.reset();
+  nearest_ = {};
+  measured_.shutdown();
+  if (!scene_.keep_out) return;
+  check_.emplace(scene_.model, *scene_.keep_out);
+  measured_ = listen(node_, names::kMeasured, 1, &KeepOutGate::onMeasured, this);
+  if (!marker_publisher_) {
+    marker_publisher_ = node_.advertise<visualization_msgs::MarkerArray>(names::kMarkers, 2);
+  }
+}
+
+std::optional<control::Refusal> KeepOutGate::refusalOf(const PressureLoop& loop,
+                                                       const Eigen::VectorXd& target) {
+  if (!check_) return std::nullopt;
+  // Where the arm has moved on meanwhile, its way is another.
+  for (int k = 0; k < kMostChecks; ++k) {
+    const PressureLoop::Course course = loop.course();
+    if (const auto blocked = sweep(course, target)) return refuse(*blocked);
+    if ((loop.course().set_point - course.set_point).cwiseAbs().maxCoeff() > kMoved) continue;
+    const auto at = check_->at(scene_.arm.clamped(response_.effectiveAt(target, kTargetAt)));
+    nearest_ = {};
+    if (at) nearest_ = {at->distance, check_->clearance().nameOf(at->zone), std::nullopt};
+    return std::nullopt;
+  }
+  return control::Refusal{control::Fault::kBlocked,
+                          "the arm moves on faster than its way is checked for zones; lower "
+                          "safety.slew_kpa_s, or give the scene a faster tier"};
+}
+
+std::optional<clearance::Blocked> KeepOutGate::sweep(const PressureLoop::Course& course,
+                                                     const Eigen::VectorXd& target) const {
+  // A reading within its noise of the set point is there.
+  Eigen::VectorXd now = course.set_point;
+  for (Eigen::Index i = 0; i < now.size(); ++i) {
+    const double away = course.reading[i] - now[i];
+    if (std::abs(away) > course.rules.vented_below) now[i] = course.reading[i];
+  }
+  std::vector<Eigen::VectorXd> corners =
+      clearance::pressuresOnTheWay(course.channels, course.rules, course.set_point, now, target);
+  if (!response_.instant()) {
+    for (Eigen::VectorXd& corner : corners) corner = response_.effectiveAt(corner, kTargetAt);
+  }
+  return check_->sweep(corners, shortfall(corners.front()));
+}
+
+control::Refusal KeepOutGate::refuse(const clearance::Blocked& blocked) {
+  nearest_ = {blocked.clearance, blocked.zone, std::nullopt};
+  std::string remedy = "move the target, or plan a way around: helix_arm plan";
+  if (blocked.last_clear.size() > 0) {
+    nearest_.clear_tip = blocked.clear_tip;
+    remedy = basics::format("the nearest clear tip on the way is (%.3f, %.3f, %.3f) m; ",
+                            blocked.clear_tip.x(), blocked.clear_tip.y(), blocked.clear_tip.z()) +
+             remedy;
+  }
+  return {control::Fault::kBlocked, "the arm " + blocked.text() + ", so it stays; " + remedy};
+}
+
+double KeepOutGate::shortfall(const Eigen::VectorXd& input) const {
+  const bool fresh = close_ && (ros::SteadyTime::now() - close_->time).toSec() < kFreshSight;
+  if (!fresh) return 0;
+  const auto by_model = check_->at(scene_.arm.clamped(input));
+  if (!by_model) return 0;
+  return std::max(0.0, by_model->distance - close_->clearance.distance);
+}
+
+void KeepOutGate::onMeasured(const ArmShapeConstPtr& shape) {
+  const auto checked = fromMsg(*shape, scene_.arm, base_frame_);
+  if (const auto* refusal = std::get_if<control::Refusal>(&checked)) {
+    if (bad_shapes_.add()) {
+      logWarning("a message on measured was not used to watch the zones (%lu so far): %s",
+                 bad_shapes_.total(), refusal->message.c_str());
+    }
+    return;
+  }
+  const clearance::Clearance seen = check_->clearance().of(std::get<model::Shape>(checked));
+  const double least = scene_.keep_out->clearance;
+  if (seen.distance >= least) {
+    close_.reset();
+    return;
+  }
+  // A command that leads away is not stopped, unless the arm comes closer all the same.
+  const double nearest = close_ ? close_->nearest : least;
+  if (!close_ || seen.distance < nearest - kCloser) stop_();
+  close_ = Sight{seen, std::min(nearest, seen.distance), ros::SteadyTime::now()};
+  if (!close_sights_.add()) return;
+  logError(
+      "the arm is seen %.1f mm from %s, and clearance_m asks for %.1f mm (%lu pictures so far): it "
+      "stays where it is until a command leads away",
+      1e3 * seen.distance, check_->clearance().nameOf(seen.zone).c_str(), 1e3 * least,
+      close_sights_.total());
+}
+
+void KeepOutGate::draw(const model::Shape* shape) {
+  if (!check_ || marker_publisher_.getNumSubscribers() == 0) return;
+  const clearance::Clearance now =
+      shape == nullptr ? clearance::Clearance() : check_->clearance().of(*shape);
+  const bool used_up = now.distance < scene_.keep_out->clearance;
+  marker_publisher_.publish(markers_.draw(*scene_.keep_out,
+                                          close_ ? close_->clearance.zone : now.zone,
+                                          used_up || close_.has_value(), ros::Time::now()));
+}
+
+}  // namespace helix_arm::ros_bridge

@@ -1,0 +1,124 @@
+// helix_arm plan, and what the other commands say of zones.
+#include <fstream>
+
+#include <gtest/gtest.h>
+
+#include "command.hpp"
+#include "support/temporary_file.hpp"
+#include "support/temporary_folder.hpp"
+
+namespace helix_arm::test {
+namespace {
+
+using nlohmann::json;
+
+constexpr char kTouches[] = "0,150,150";  // [kPa]
+
+// --set of a post at the demo's tip at kTouches, with a thin arm; its base looks down from 0.6 m.
+std::vector<std::string> withPost() {
+  const json tip = resultOf({"forward", "demo", "--pressure-kpa", kTouches})["tip"]["position_m"];
+  const std::string place = json({tip[2], tip[1], 0.6 - tip[0].get<double>()}).dump();
+  return {"--set", "arm.sections.0.separator_radius_m=0.01",
+          "--set", "clearance_m=0.005",
+          "--set", "keep_out=[{name: post, sphere: {radius_m: 0.005, position_m: " + place + "}}]"};
+}
+
+TEST(PlanCommand, FindsATableOfPressuresThatIsClear) {
+  const TemporaryFolder folder;
+  const std::string out = folder / "around.csv";
+  const std::vector<std::string> post = withPost();
+  const std::vector<std::string> call{"plan",      "demo",  "--from-kpa", "0,300,0",  "--to-kpa",
+                                      "400,0,100", "--out", out,          "--format", "json"};
+  const Outcome ran = runCommand(call, post);
+  ASSERT_EQ(ran.exit_code, 0) << ran.err << ran.out;
+  const json found = ran.json();
+  EXPECT_TRUE(found["found"]);
+  EXPECT_TRUE(found["reason"].is_null());
+  EXPECT_EQ(found["zone"], "post");
+  EXPECT_GE(found["clearance_m"], 0.0049);
+  // The table's rows, by `forward`, keep away, too; pressures and tips are read as other tables.
+  const Outcome rows = runCommand({"forward", "demo", "--inputs", out, "--format", "json"}, post);
+  ASSERT_EQ(rows.exit_code, 0) << rows.err;
+  ASSERT_EQ(rows.json()["rows"].size(), found["rows"].size());
+  for (std::size_t i = 0; i < found["rows"].size(); ++i) {
+    const json& row = rows.json()["rows"][i];
+    EXPECT_NEAR(row["clearance_m"].get<double>(), found["rows"][i]["clearance_m"].get<double>(),
+                1e-4);
+    EXPECT_EQ(row["zone"], "post");
+  }
+  const json path =
+      runCommand({"follow", "demo", "--path", out, "--open", "--format", "json"}, post).json();
+  EXPECT_LT(path["rms_m"], 0.05);
+  const json again = runCommand(call, post).json();
+  EXPECT_EQ(again["rows"], found["rows"]);
+}
+
+TEST(PlanCommand, SaysWhatIsInTheWay) {
+  const Outcome ran =
+      runCommand({"plan", "demo", "--from-kpa", "0,0,0", "--to-kpa", kTouches, "--format", "json"},
+                 withPost());
+  EXPECT_EQ(ran.exit_code, 1);
+  EXPECT_FALSE(ran.json()["found"]);
+  EXPECT_TRUE(has(ran.json()["reason"].get<std::string>(), "post"));
+}
+
+TEST(PlanCommand, OtherCommandsTellZones) {
+  const std::vector<std::string> post = withPost();
+  const json clear =
+      runCommand({"forward", "demo", "--pressure-kpa", "0,0,0", "--format", "json"}, post).json();
+  EXPECT_GT(clear["clearance_m"], 0.009);
+  const json without = resultOf({"forward", "demo", "--pressure-kpa", "0,0,0"});
+  EXPECT_FALSE(without.contains("clearance_m"));
+
+  const json tip = resultOf({"forward", "demo", "--pressure-kpa", kTouches})["tip"]["position_m"];
+  const Outcome inverse =
+      runCommand({"inverse", "demo", "--tip", commaList(numbersOf(tip)), "--format", "json"}, post);
+  EXPECT_EQ(inverse.exit_code, 1);
+  EXPECT_EQ(inverse.json()["status"], "blocked");
+  EXPECT_EQ(inverse.json()["blocked_by"], "post");
+  EXPECT_LT(inverse.json()["clearance_m"], 0.005);
+  EXPECT_EQ(inverse.json()["clear_tip_m"].size(), 3u);
+
+  const json space =
+      runCommand({"workspace", "demo", "--count", "3000", "--format", "json"}, post).json();
+  EXPECT_GT(space["blocked"], 100);
+  EXPECT_LT(space["blocked"], 2900);
+  EXPECT_EQ(space["count"], 3000);
+
+  const json checked = runCommand({"check", "demo", "--format", "json"}, post).json();
+  bool told = false;
+  for (const json& finding : checked["findings"]) told = told || finding["check"] == "clear_part";
+  EXPECT_TRUE(told);
+  const Outcome touching = runCommand(
+      {"check", "demo", "--format", "json", "--set",
+       "keep_out=[{name: mount, half_space: {position_m: [0, 0, 0.6], normal: [0, 0, -1]}}]"});
+  EXPECT_EQ(touching.exit_code, 1);
+  EXPECT_TRUE(has(touching.out, "mount"));
+}
+
+TEST(PlanCommand, ARegulatorIsNotSetToWhatWouldTouch) {
+  expectCallerError(
+      runCommand({"regulator", "demo", "set", "--pressure-kpa", kTouches}, withPost()), "post");
+}
+
+// A path of which two points are clear, and the way between them is not.
+TEST(PlanCommand, AFollowedPathIsSwept) {
+  const TemporaryFolder folder;
+  const std::string path = folder / "path.csv";
+  std::ofstream file(path);
+  file << "time_s,x_m,y_m,z_m\n";
+  double time = 0;
+  for (const char* pressures : {"0,0,0", kTouches, "0,0,0"}) {
+    const json tip =
+        resultOf({"forward", "demo", "--pressure-kpa", pressures})["tip"]["position_m"];
+    file << time << "," << commaList(numbersOf(tip)) << "\n";
+    time += 20;
+  }
+  file.close();
+  const Outcome blocked = runCommand({"follow", "demo", "--path", path, "--open"}, withPost());
+  EXPECT_NE(blocked.exit_code, 0);
+  EXPECT_TRUE(has(blocked.err + blocked.out, "post")) << blocked.err << blocked.out;
+}
+
+}  // namespace
+}  // namespace helix_arm::test

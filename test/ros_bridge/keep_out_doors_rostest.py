@@ -1,0 +1,76 @@
+#!/usr/bin/env python3
+"""No door lets a command through at which the arm would touch a zone: targets by topic and handle, series, calibration runs and
+experiments, while vision, rig and all nodes run."""
+import os
+import sys
+
+import actionlib
+import rospy
+import rostest
+from actionlib_msgs.msg import GoalStatus
+from geometry_msgs.msg import Point, Pose, Quaternion
+from helix_arm import Scene
+from visualization_msgs.msg import InteractiveMarkerFeedback, InteractiveMarkerInit
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", "support"))
+from calibration_rig import CalibrationRig  # noqa: E402
+from helix_arm.msg import RunExperimentAction, RunExperimentGoal, ShapeTarget, TargetStatus, TipTarget  # noqa: E402
+from zones import LEAST, TOUCHES, clearance, with_post  # noqa: E402
+
+
+class Doors(CalibrationRig):
+    KNOWN = with_post(TOUCHES)
+
+    def assert_blocked(self, answer):
+        self.assertEqual((answer.fault, answer.zone), ("blocked", "post"), answer)
+
+    def drag(self):
+        handle = self.inbox("tip_handle/update_full", InteractiveMarkerInit)
+        feedback = rospy.Publisher("tip_handle/feedback", InteractiveMarkerFeedback, queue_size=10)
+        self.assert_wait(lambda: handle and feedback.get_num_connections() > 0)
+        first = len(self.status)
+        message = InteractiveMarkerFeedback(client_id="test", marker_name=handle[-1].markers[0].name, pose=self.pose,
+                                            event_type=InteractiveMarkerFeedback.POSE_UPDATE)
+        message.header.frame_id = "arm_base"
+        feedback.publish(message)
+        self.assert_wait(lambda: any(one.commander == "interactive_marker" for one in self.status[first:]))
+        return next(one for one in self.status[first:] if one.commander == "interactive_marker")
+
+    def test_no_door_lets_through_what_would_touch(self):
+        shape = Scene.load("demo").forward(TOUCHES)
+        self.pose = Pose(Point(*shape.tips), Quaternion(*shape.quaternions_xyzw))
+        self.assert_blocked(self.send_pressures(TOUCHES))
+        for topic, target in (("tip_target", TipTarget(pose=self.pose)), ("tip_target", TipTarget(mode=TipTarget.POSE, pose=self.pose)),
+                              ("shape_target", ShapeTarget(twist=shape.twists.ravel().tolist()))):
+            publisher = rospy.Publisher(topic, type(target), queue_size=10)
+            self.assert_wait(lambda: publisher.get_num_connections() > 0)
+            self.assert_blocked(self.status.answer_to(publisher, target))
+        self.free_the_arm()
+        self.assert_blocked(self.drag())
+
+        self.free_the_arm()
+        with open(self.path("series.csv"), "w") as file:
+            file.write("pressure_1_kpa,pressure_2_kpa,pressure_3_kpa\n0,50,0\n%g,%g,%g\n" % tuple(one / 1e3 for one in TOUCHES))
+        series = self.run_node("pressure_series", "_scene:=demo", "_data:=" + self.path("series.csv"), "_ramp_s:=2", "_hold_s:=1")
+        self.assertEqual(series.code(), 1, series.output())
+        self.assertIn("post", series.output())
+
+        self.free_the_arm()
+        self.send(fit=["K_kappa"], plan=TOUCHES + [0, 3e5, 0, 0, 0, 3e5])
+        self.assert_ends(GoalStatus.ABORTED, "post")
+
+        self.free_the_arm()
+        experiment = self.run_node("experiment", "_scene:=demo", f"_out_folder:={self.path('')}", f"_scene_folder:={self.path('')}")
+        client = actionlib.SimpleActionClient("experiment/run_experiment", RunExperimentAction)
+        self.assert_wait(lambda: client.action_client.wait_for_server(rospy.Duration(1)))
+        client.send_goal(RunExperimentGoal(name="step", repeats=1, hold_s=0.5, actuators=["muscle_1"]))
+        self.assert_wait(lambda: client.gh.get_comm_state() == actionlib.CommState.DONE)
+        self.assertFalse(client.get_result().success, experiment.output())
+        self.assertIn("post", client.get_result().message)
+
+        nearest = min(clearance(command.pressure, TOUCHES) for command in self.command[::20])
+        self.assertGreaterEqual(nearest, LEAST - 2e-4)
+
+
+if __name__ == "__main__":
+    rostest.rosrun("helix_arm", "keep_out_doors", Doors, sys.argv)
