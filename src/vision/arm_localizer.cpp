@@ -121,20 +121,20 @@ struct ArmLocalizer::Workspace {
   }
 
   // Fits from the last shape and, if that does not explain the tags, from other starts.
-  template <class Seen>
-  void fit(const model::Shape& start, const model::Shape& model, const Seen& seen) {
+  template <class Observations>
+  void fit(const model::Shape& start, const model::Shape& model, const Observations& of) {
     observation.fit.status = estimation::FitStatus::kUnderdetermined;
-    observation.state = seen.empty() ? ObservationState::kNoTags : ObservationState::kTooFewTags;
-    if (static_cast<int>(seen.size()) < config.min_tags) return;
+    observation.state = of.empty() ? ObservationState::kNoTags : ObservationState::kTooFewTags;
+    if (static_cast<int>(of.size()) < config.min_tags) return;
     if (memory) fitter.know(memory->estimate());
-    const estimation::TwistFit* fit = &fitFrom(start, model, seen);
+    const estimation::TwistFit* fit = &fitFrom(start, model, of);
     if (fit->status != estimation::FitStatus::kConverged || unexpectedOutliers(*fit)) {
-      fit = &fitCold(model, seen);
+      fit = &fitCold(model, of);
     }
     observation.fit = *fit;
     if (fit->status == estimation::FitStatus::kUnderdetermined) return;  // too few tags
     const bool is_measured = fit->status == estimation::FitStatus::kConverged &&
-                             static_cast<int>(seen.size()) - fit->outliers() >= config.min_tags;
+                             static_cast<int>(of.size()) - fit->outliers() >= config.min_tags;
     observation.state = is_measured ? ObservationState::kMeasured : ObservationState::kNoFit;
   }
 

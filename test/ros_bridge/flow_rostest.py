@@ -8,7 +8,8 @@ import sys
 import numpy as np
 import rospy
 import rostest
-from geometry_msgs.msg import Point, Pose, Quaternion
+from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion
+from sensor_msgs.msg import JointState
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import InteractiveMarkerFeedback, InteractiveMarkerInit, MarkerArray
 
@@ -75,6 +76,27 @@ class SpatialFlow(Flow):
         self.assertEqual(self.command[-1].name, ["muscle_1", "muscle_2", "muscle_3"])
         partial = self.send_pressures([3e4], ["muscle_3"])
         self.assertEqual(self.command_after(partial), [1e5, 2e5, 3e4], "names left out keep their command")
+
+    def test_standard_types_alone_watch_and_command_the_arm(self):
+        joints, tips = self.inbox("joint_states", JointState), self.inbox("tip_model", PoseStamped)
+        target = rospy.Publisher("tip_target_pose", PoseStamped, queue_size=10)
+        self.assert_wait(lambda: target.get_num_connections() > 0 and joints and tips)
+        wanted = self.scene.tips([1e5, 2e5, 5e4])
+        pose = PoseStamped(pose=pose_of(wanted, (0, 0, 0, 0)))  # of any orientation
+        pose.header.frame_id = "arm_base"
+        answer = self.status.answer_to(target, pose)
+        self.assertEqual((answer.outcome, answer.topic), (TargetStatus.REACHED, "tip_target_pose"))
+        command = self.command_after(answer)
+        self.assert_wait(lambda: np.allclose(joints[-1].effort[:3], command, atol=1))
+        state = joints[-1]
+        self.assertEqual(state.name[:3], ["muscle_1", "muscle_2", "muscle_3"])
+        self.assertEqual([name.split("_", 1)[1] for name in state.name[3:]], ["bend_y", "bend_z", "twist"])
+        at = self.scene.forward(np.clip(state.position[:3], *self.scene.limits_pa.T))
+        np.testing.assert_allclose(state.position[3:], at.twists[0][[4, 5, 3]], atol=1e-12)
+        self.assert_wait(lambda: any(tip.header.stamp == state.header.stamp for tip in tips))
+        tip = next(tip for tip in tips if tip.header.stamp == state.header.stamp)
+        np.testing.assert_allclose(place(tip.pose.position), at.tips, atol=1e-12)
+        self.assertEqual(tip.header.frame_id, "arm_base")
 
     def test_the_model_is_the_shape_of_the_measured_pressures(self):
         self.send_pressures([3e5, 1e4, 1.2e5])

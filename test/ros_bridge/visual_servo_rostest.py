@@ -81,14 +81,14 @@ class VisualServo(LoopRig):
 
         def is_wanted():
             pose.header.stamp = rospy.Time.now()
-            self.tip_pose.publish(pose)
+            self.tip_target_pose.publish(pose)
             return wait_for(lambda: self.loop[-1].has_wanted, 0.1)
 
         self.assert_wait(is_wanted)
         self.assertLess(math.dist(place(self.loop[-1].wanted.position), MIDDLE), 1e-6)
         # With an orientation it is a pose, and the closest shape keeps some of both.
         pose.pose.orientation.w = 1
-        self.assertEqual(self.answer_to(self.tip_pose, pose).outcome, TargetStatus.UNREACHABLE)
+        self.assertEqual(self.answer_to(self.tip_target_pose, pose).outcome, TargetStatus.UNREACHABLE)
 
     def test_stays_open_where_it_is_told_to_and_forgets_what_it_learnt_when_reset(self):
         target = target_at(MIDDLE)

@@ -59,7 +59,7 @@ class LoopRig(RosCase):
                                   ("measured", "measured", ArmShape), ("sent", "pressure_target", PressureArray),
                                   ("status", "target_status", TargetStatus), ("safety", "safety_state", SafetyState)):
             setattr(cls, name, Inbox(topic, kind))
-        for name, kind in (("tip_target", TipTarget), ("tip_pose", PoseStamped), ("pressure_target", PressureArray)):
+        for name, kind in (("tip_target", TipTarget), ("tip_target_pose", PoseStamped), ("pressure_target", PressureArray)):
             setattr(cls, name, rospy.Publisher(name, kind, queue_size=10))
 
     @classmethod
@@ -73,7 +73,7 @@ class LoopRig(RosCase):
     def setUp(self):
         self.last_sent, self.feedback = 0, []
         self.assertTrue(wait_for(lambda: all(one.get_num_connections() for one in (
-            self.tip_target, self.tip_pose, self.pressure_target)) and self.loop and self.safety and self.measured and
+            self.tip_target, self.tip_target_pose, self.pressure_target)) and self.loop and self.safety and self.measured and
             not rospy.Time.now().is_zero()), self.vision.output())
         self.client = actionlib.SimpleActionClient("visual_servo/follow_tip_path", FollowTipPathAction)
         self.assertTrue(self.client.wait_for_server(rospy.Duration(20)))

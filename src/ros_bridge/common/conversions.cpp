@@ -198,6 +198,37 @@ control::Checked<model::Shape> fromMsg(const ArmShape& shape, const model::Arm& 
   return out;
 }
 
+TipTarget toTipTarget(const geometry_msgs::PoseStamped& pose) {
+  TipTarget target;
+  target.header = pose.header;
+  const geometry_msgs::Quaternion& q = pose.pose.orientation;
+  const bool is_set = !Eigen::Vector4d(q.x, q.y, q.z, q.w).isZero(0);
+  target.mode = is_set ? TipTarget::POSE : TipTarget::POSITION;
+  target.pose = pose.pose;
+  return target;
+}
+
+sensor_msgs::JointState toJointStates(const std_msgs::Header& header, const model::Arm& arm,
+                                      const std::vector<std::string>& sections,
+                                      const Eigen::VectorXd& measured,
+                                      const Eigen::VectorXd& command, const model::Twists& twists) {
+  sensor_msgs::JointState out;
+  out.header = header;
+  const auto add = [&out](const std::string& name, double position, double effort) {
+    out.name.push_back(name);
+    out.position.push_back(position);
+    out.effort.push_back(effort);
+  };
+  for (int i = 0; i < arm.actuatorCount(); ++i) add(arm.actuator(i).name, measured[i], command[i]);
+  for (int k = 0; k < arm.sectionCount(); ++k) {
+    const std::string& name = sections[static_cast<std::size_t>(k)];
+    add(name + "_bend_y", twists(4, k), NAN);
+    add(name + "_bend_z", twists(5, k), NAN);
+    add(name + "_twist", twists(3, k), NAN);
+  }
+  return out;
+}
+
 control::Checked<TipGoal> fromMsg(const TipTarget& target, const std::string& base_frame) {
   if (auto refusal = refusedFrame("the tip target", target.header, base_frame)) return *refusal;
   const auto& p = target.pose.position;

@@ -4,9 +4,10 @@
 #include <vector>
 
 #include <boost/array.hpp>
-#include <geometry_msgs/Pose.h>
+#include <geometry_msgs/PoseStamped.h>
 #include <geometry_msgs/Transform.h>
 #include <geometry_msgs/WrenchStamped.h>
+#include <sensor_msgs/JointState.h>
 
 #include "helix_arm/ArmShape.h"
 #include "helix_arm/PressureArray.h"
@@ -59,6 +60,19 @@ PressureArray toPressureMsg(const std_msgs::Header& header, const model::Arm& ar
 /// @param base_frame  the only accepted frame_id, besides an empty one.
 control::Checked<model::Shape> fromMsg(const ArmShape& shape, const model::Arm& arm,
                                        const std::string& base_frame);
+
+/// A pose as the target of a tip: its position alone where the orientation is all 0.
+TipTarget toTipTarget(const geometry_msgs::PoseStamped& pose);
+
+/// An arm in the words of other programs. Of each actuator: position is the measured pressure [Pa],
+/// effort the command [Pa] (of tendons [rad]). Of each section, `NAME_bend_y`, `NAME_bend_z` and
+/// `NAME_twist`: angles about y, z and x of its base curve [rad], whose effort is NaN.
+///
+/// @param sections  their names. @param measured, command  (n).
+sensor_msgs::JointState toJointStates(const std_msgs::Header& header, const model::Arm& arm,
+                                      const std::vector<std::string>& sections,
+                                      const Eigen::VectorXd& measured,
+                                      const Eigen::VectorXd& command, const model::Twists& twists);
 
 /// The goal of a tip target, base frame.
 struct TipGoal {

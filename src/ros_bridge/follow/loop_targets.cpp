@@ -30,7 +30,8 @@ LoopTargets::LoopTargets(ros::NodeHandle& node, const io::Scene& scene, const Fr
       frames_(frames),
       admission_(node, scene),
       tip_subscriber_(listen(node, names::kTipTarget, 10, &LoopTargets::onTipTarget, this)),
-      pose_subscriber_(listen(node, names::kTipPose, 10, &LoopTargets::onTipPose, this)),
+      pose_subscriber_(
+          listen(node, names::kTipTargetPose, 10, &LoopTargets::onTipTargetPose, this)),
       shape_subscriber_(listen(node, names::kShapeTarget, 10, &LoopTargets::onShapeTarget, this)) {}
 
 void LoopTargets::takeFromHandle(const TipTarget& target) {
@@ -73,15 +74,9 @@ void LoopTargets::onTipTarget(const ros::MessageEvent<const TipTarget>& event) {
   aimTip({names::kTipTarget, event}, *event.getMessage());
 }
 
-void LoopTargets::onTipPose(const ros::MessageEvent<const geometry_msgs::PoseStamped>& event) {
-  const geometry_msgs::PoseStamped& pose = *event.getMessage();
-  TipTarget target;
-  target.header = pose.header;
-  const geometry_msgs::Quaternion& q = pose.pose.orientation;
-  const bool is_set = !Eigen::Vector4d(q.x, q.y, q.z, q.w).isZero(0);
-  target.mode = is_set ? TipTarget::POSE : TipTarget::POSITION;
-  target.pose = pose.pose;
-  aimTip({names::kTipPose, event}, target);
+void LoopTargets::onTipTargetPose(
+    const ros::MessageEvent<const geometry_msgs::PoseStamped>& event) {
+  aimTip({names::kTipTargetPose, event}, toTipTarget(*event.getMessage()));
 }
 
 void LoopTargets::onShapeTarget(const ros::MessageEvent<const ShapeTarget>& event) {

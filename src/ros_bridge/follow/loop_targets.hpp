@@ -59,7 +59,7 @@ class LoopTargets {
 
  private:
   void onTipTarget(const ros::MessageEvent<const TipTarget>& event);
-  void onTipPose(const ros::MessageEvent<const geometry_msgs::PoseStamped>& event);
+  void onTipTargetPose(const ros::MessageEvent<const geometry_msgs::PoseStamped>& event);
   void onShapeTarget(const ros::MessageEvent<const ShapeTarget>& event);
   bool isSilent() const;
   bool isRefused() const { return !refusal_.empty() && !isSilent(); }

@@ -76,7 +76,7 @@ PressureCommandNode::PressureCommandNode()
             return gate_.refusalOf(loop, target);
           },
           [this](const PressureLoop::Reading& reading) {
-            shapes_.take(reading.pressure, reading.stamp);
+            shapes_.take(reading.pressure, reading.set_point, reading.stamp);
           }),
       intake_(node_, scene_, shapes_.baseFrame(), shapes_.response(), loop_, gate_),
       model_server_(ros::NodeHandle("~"), scene_.model),

@@ -297,7 +297,7 @@ void PressureLoop::onReading(const PressureArrayConstPtr& reading) {
   }
   const auto& measured = std::get<Eigen::VectorXd>(checked);
   path_.core().measured(steadyNow(), measured, std::numeric_limits<double>::quiet_NaN(), age);
-  post({measured, reading->header.stamp});
+  post({measured, path_.core().orders().set_point, reading->header.stamp});
 }
 
 void PressureLoop::turn(double now) {
@@ -314,7 +314,7 @@ void PressureLoop::publish(double now) {
   // Simulated time may stand still or not have started.
   if (ros::Time::isSystemTime()) header.stamp -= ros::Duration(now - news->time);
   measured_publisher_.publish(toPressureMsg(header, arm_, news->pressures.pressure));
-  post({news->pressures.pressure, header.stamp});
+  post({news->pressures.pressure, path_.core().orders().set_point, header.stamp});
 }
 
 void PressureLoop::noteChanges(const ros::Time& stamp) {

@@ -39,9 +39,9 @@ namespace helix_arm::ros_bridge {
 /// the log. Serves ~enable, ~rest, ~vent and ~emergency_stop. All times are of the steady clock.
 class PressureLoop {
  public:
-  /// A reading.
+  /// A reading, and the command in force.
   struct Reading {
-    Eigen::VectorXd pressure;  ///< (n) gauge [Pa]
+    Eigen::VectorXd pressure, set_point;  ///< (n) gauge [Pa]
     ros::Time stamp;
   };
   using Take = std::function<void(const Reading&)>;

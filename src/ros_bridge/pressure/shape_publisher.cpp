@@ -28,6 +28,8 @@ ShapePublisher::ShapePublisher(ros::NodeHandle node, const io::Scene& scene,
       response_(scene.arm),
       solution_(scene.model.solve(measured_)),
       model_publisher_(node.advertise<ArmShape>(names::kModel, 10)),
+      tip_publisher_(node.advertise<geometry_msgs::PoseStamped>(names::kModelTip, 10)),
+      joints_publisher_(node.advertise<sensor_msgs::JointState>(names::kJointStates, 10)),
       marker_publisher_(node.advertise<visualization_msgs::MarkerArray>(names::kMarkers, 2)) {
   sendBaseFrame();
   if (options.handle) {
@@ -41,7 +43,8 @@ void ShapePublisher::adopt() {
   solve();
 }
 
-void ShapePublisher::take(const Eigen::VectorXd& measured, const ros::Time& stamp) {
+void ShapePublisher::take(const Eigen::VectorXd& measured, const Eigen::VectorXd& command,
+                          const ros::Time& stamp) {
   measured_ = measured;
   const ros::Time at = stamp.isZero() ? ros::Time::now() : stamp;
   if (response_.follow(at.toSec(), measured) && !response_.instant() && restarts_.add()) {
@@ -58,6 +61,14 @@ void ShapePublisher::take(const Eigen::VectorXd& measured, const ros::Time& stam
   if (!solution_.converged()) return;
   const std_msgs::Header header = toHeaderMsg(stamp, frames_.base);
   model_publisher_.publish(toShapeMsg(header, scene_.model.choice(), solution_.shape));
+  geometry_msgs::PoseStamped tip;
+  tip.header = header;
+  tip.pose = toPoseMsg(solution_.tip);
+  tip_publisher_.publish(tip);
+  std::vector<std::string> sections;
+  for (const io::SectionLook& look : scene_.looks) sections.push_back(look.name);
+  joints_publisher_.publish(
+      toJointStates(header, scene_.arm, sections, measured, command, solution_.shape.twists()));
   if (readings_ % readings_per_tf_ == 0) curve_frames_.send(solution_.shape, stamp);
 }
 

@@ -37,8 +37,9 @@ class ShapePublisher {
   void adopt();
 
   /// Publishes the shape at a reading.
-  /// @param measured  (n) gauge [Pa]
-  void take(const Eigen::VectorXd& measured, const ros::Time& stamp);
+  /// @param measured, command  (n) gauge [Pa]
+  void take(const Eigen::VectorXd& measured, const Eigen::VectorXd& command,
+            const ros::Time& stamp);
 
   /// Brings the handle, if any, to the model's tip, if any, once these pressures are effective.
   /// @param goal  (n) gauge [Pa]
@@ -86,7 +87,7 @@ class ShapePublisher {
   FaultCount restarts_;  ///< of the responses
   bool drawn_ = false;   ///< the arm is on the screen
 
-  ros::Publisher model_publisher_, marker_publisher_;
+  ros::Publisher model_publisher_, tip_publisher_, joints_publisher_, marker_publisher_;
   CurveFrames curve_frames_{frames_, "pressure_measured is", "it"};
   tf2_ros::StaticTransformBroadcaster static_tf_;
   std::unique_ptr<TipHandle> handle_;

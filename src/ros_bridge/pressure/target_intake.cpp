@@ -22,7 +22,8 @@ TargetIntake::TargetIntake(ros::NodeHandle node, const io::Scene& scene, std::st
       admission_(node, scene),
       subscribers_{listen(node, names::kPressureTarget, 10, &TargetIntake::onPressureTarget, this),
                    listen(node, names::kShapeTarget, 10, &TargetIntake::onShapeTarget, this),
-                   listen(node, names::kTipTarget, 10, &TargetIntake::onTipTarget, this)} {}
+                   listen(node, names::kTipTarget, 10, &TargetIntake::onTipTarget, this),
+                   listen(node, names::kTipTargetPose, 10, &TargetIntake::onTipTargetPose, this)} {}
 
 void TargetIntake::takeFromHandle(const TipTarget& target) {
   aimTip(TargetSender(target.header.stamp), target);
@@ -56,6 +57,11 @@ void TargetIntake::onShapeTarget(const ros::MessageEvent<const ShapeTarget>& eve
 
 void TargetIntake::onTipTarget(const ros::MessageEvent<const TipTarget>& event) {
   aimTip({names::kTipTarget, event}, *event.getMessage());
+}
+
+void TargetIntake::onTipTargetPose(
+    const ros::MessageEvent<const geometry_msgs::PoseStamped>& event) {
+  aimTip({names::kTipTargetPose, event}, toTipTarget(*event.getMessage()));
 }
 
 void TargetIntake::aimTip(const TargetSender& sender, const TipTarget& target) {

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include <diagnostic_msgs/DiagnosticStatus.h>
+#include <geometry_msgs/PoseStamped.h>
 #include <ros/node_handle.h>
 
 #include "helix_arm/PressureArray.h"
@@ -25,9 +26,10 @@ namespace helix_arm::ros_bridge {
 /// From a target to a command: checks its values and its stamp, then whether its sender may command
 /// the arm, turns shapes and tips into pressures, and commands them.
 ///
-/// Subscribes to pressure_target, shape_target and tip_target; publishes target_status, one answer
-/// per target. A target that is not sound, or whose sender may not command, is counted and dropped,
-/// and the command stays. All of it belongs to the thread of the node's callback queue.
+/// Subscribes to pressure_target, shape_target, tip_target and tip_target_pose; publishes
+/// target_status, one answer per target. A target that is not sound, or whose sender may not
+/// command, is counted and dropped, and the command stays. All of it belongs to the thread of the
+/// node's callback queue.
 class TargetIntake {
  public:
   /// @param scene       Kept by reference: after a change, call adopt() before the next target.
@@ -54,6 +56,7 @@ class TargetIntake {
   void onPressureTarget(const ros::MessageEvent<const PressureArray>& event);
   void onShapeTarget(const ros::MessageEvent<const ShapeTarget>& event);
   void onTipTarget(const ros::MessageEvent<const TipTarget>& event);
+  void onTipTargetPose(const ros::MessageEvent<const geometry_msgs::PoseStamped>& event);
   void aimTip(const TargetSender& sender, const TipTarget& target);
 
   /// The command's effective pressure. Limits the search to attainable effective pressures.
@@ -74,7 +77,7 @@ class TargetIntake {
   Eigen::VectorXd lower_, upper_;  // of effective pressures
   TargetAdmission admission_;
   control::UnitWatch units_;
-  const std::array<ros::Subscriber, 3> subscribers_;
+  const std::array<ros::Subscriber, 4> subscribers_;
 };
 
 }  // namespace helix_arm::ros_bridge

@@ -169,7 +169,13 @@ void VisionNode::publish(const Measurement& measurement) {
   const std::string camera_frame = of_bodies ? measurement.frame : options_.cameraFrame();
   const ObservationReport report = reportOf(measurement, frames_.base, camera_frame);
   status_.saw(measurement, report);
-  if (report.shape) measured_publisher_.publish(*report.shape);
+  if (report.shape) {
+    measured_publisher_.publish(*report.shape);
+    geometry_msgs::PoseStamped tip;
+    tip.header = report.shape->header;
+    tip.pose = report.shape->tip;
+    tip_publisher_.publish(tip);
+  }
   if (report.error) error_publisher_.publish(*report.error);
   if (measurement.measured()) {
     const estimation::TwistFit& fit = measurement.observation.fit;

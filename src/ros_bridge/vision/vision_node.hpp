@@ -4,6 +4,7 @@
 #include <optional>
 #include <string>
 
+#include <geometry_msgs/PoseStamped.h>
 #include <ros/node_handle.h>
 #include <ros/steady_timer.h>
 #include <ros/time.h>
@@ -89,6 +90,8 @@ class VisionNode : public Node {
 
   // Used by the thread of the measurements only.
   const ros::Publisher measured_publisher_ = node_.advertise<ArmShape>(names::kMeasured, 10),
+                       tip_publisher_ =
+                           node_.advertise<geometry_msgs::PoseStamped>(names::kTip, 10),
                        detections_publisher_ =
                            node_.advertise<TagDetections>(names::kTagDetections, 10),
                        error_publisher_ = node_.advertise<ModelError>(names::kModelError, 10),
