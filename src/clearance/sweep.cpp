@@ -19,7 +19,7 @@ constexpr double kArrived = 2e-3;  // of a channel's range
 
 std::string Blocked::text() const {
   if (zone.empty()) return "passes pressures at which no shape balances the load";
-  return basics::format("comes within %.1f mm of %s; clearance_m asks for %.1f mm", 1e3 * clearance,
+  return basics::format("comes within %.2f mm of %s; clearance_m asks for %g mm", 1e3 * clearance,
                         zone.c_str(), 1e3 * least);
 }
 

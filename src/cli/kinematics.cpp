@@ -428,7 +428,10 @@ json reportOf(const io::Scene& scene, const statics::TierSetting& tier, const In
     document["reason"] = "on its way from the start the arm " + blocked.text() +
                          "; plan a way around: helix_arm plan";
     document["blocked_by"] = textOrNull(blocked.zone);
-    document["clear_tip_m"] = blocked.last_clear.size() > 0 ? toJson(blocked.clear_tip) : json();
+    document["clear_tip"] = nullptr;
+    if (blocked.last_clear.size() > 0) {
+      document["clear_tip"] = {{"position_m", toJson(blocked.clear_tip)}};
+    }
   }
   return document;
 }
@@ -645,7 +648,7 @@ With --history the pressures are those to go to in one direction from its last r
 effective_pressure_pa that reach the target; response as in `forward`.
 Of a scene with keep_out: clearance_m and zone at the result; status blocked (exit code 1)
 where the arm would come too close on the straight way of the pressures from the start:
-blocked_by, clear_tip_m (the last clear tip on that way; null if the start is too close).
+blocked_by, clear_tip {position_m} (the last on that way; null if the start is too close).
 An unreachable target gives the closest inputs found and exit code 1.)");
   return {command, [arguments, cocontraction](const GlobalOptions& global) {
             arguments->cocontraction_given = cocontraction->count() > 0;

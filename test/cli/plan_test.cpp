@@ -77,7 +77,7 @@ TEST(PlanCommand, OtherCommandsTellZones) {
   EXPECT_EQ(inverse.json()["status"], "blocked");
   EXPECT_EQ(inverse.json()["blocked_by"], "post");
   EXPECT_LT(inverse.json()["clearance_m"], 0.005);
-  EXPECT_EQ(inverse.json()["clear_tip_m"].size(), 3u);
+  EXPECT_EQ(inverse.json()["clear_tip"]["position_m"].size(), 3u);
 
   const json space =
       runCommand({"workspace", "demo", "--count", "3000", "--format", "json"}, post).json();
