@@ -39,16 +39,17 @@ TEST(PlanCommand, FindsATableOfPressuresThatIsClear) {
   // The table's rows, by `forward`, keep away, too; pressures and tips are read as other tables.
   const Outcome rows = runCommand({"forward", "demo", "--inputs", out, "--format", "json"}, post);
   ASSERT_EQ(rows.exit_code, 0) << rows.err;
-  ASSERT_EQ(rows.json()["rows"].size(), found["rows"].size());
+  const json table = rows.json()["rows"];
+  ASSERT_EQ(table.size(), found["rows"].size());
   for (std::size_t i = 0; i < found["rows"].size(); ++i) {
-    const json& row = rows.json()["rows"][i];
+    const json& row = table[i];
     EXPECT_NEAR(row["clearance_m"].get<double>(), found["rows"][i]["clearance_m"].get<double>(),
                 1e-4);
     EXPECT_EQ(row["zone"], "post");
   }
   const json path =
       runCommand({"follow", "demo", "--path", out, "--open", "--format", "json"}, post).json();
-  EXPECT_LT(path["rms_m"], 0.05);
+  EXPECT_LT(path["path_rms_m"], 0.05);
   const json again = runCommand(call, post).json();
   EXPECT_EQ(again["rows"], found["rows"]);
 }
@@ -81,7 +82,7 @@ TEST(PlanCommand, OtherCommandsTellZones) {
 
   const json space =
       runCommand({"workspace", "demo", "--count", "3000", "--format", "json"}, post).json();
-  EXPECT_GT(space["blocked"], 100);
+  EXPECT_GT(space["blocked"], 30);
   EXPECT_LT(space["blocked"], 2900);
   EXPECT_EQ(space["count"], 3000);
 
