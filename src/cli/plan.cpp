@@ -118,10 +118,11 @@ Subcommand addPlan(CLI::App& app) {
             within(kEvery), kShowDefault);
   addOption(*command, "--longest-s", arguments->longest, "longest time of the search [s]",
             TypeName{"S"}, within(kLongest), kShowDefault);
-  addOption(*command, "--seed", arguments->seed, "of the search's samples", kShowDefault);
+  addOption(*command, "--seed", arguments->seed, "of the search's samples",
+            CLI::Range(1U, 0xffffffffU), kShowDefault);
   command->footer(
       R"(RRT-Connect and shortcuts of OMPL in the space of pressures; every motion is swept, and the
-path once more with the lag of the regulator. Each pressure stays within 80 % of its slew.
+path once more with the lag of the regulator. Each pressure stays within 60 % of its slew.
 json: scene, found, reason (null if found), seconds (that the search took), duration_s,
 clearance_m (least of the rows) and its zone, rows [{time_s, pressure_pa, tip_m,
 clearance_m}], out (null if absent). csv: the table; without a path, or with --out, a

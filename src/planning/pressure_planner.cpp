@@ -29,7 +29,7 @@ namespace og = ompl::geometric;
 using Eigen::VectorXd;
 
 constexpr double kMargin = 1e-3;     // beyond the clearance, for the lag [m]
-constexpr double kSlewPart = 0.8;    // of the slew; the rest is for the loop
+constexpr double kSlewPart = 0.6;    // of the slew; the rest is for a loop that smooths corners
 constexpr double kWholeRange = 1.0;  // time of a range without slew [s]
 constexpr double kRange = 0.3;       // of a motion of the search, in ranges per root of n
 constexpr unsigned kShortcuts = 40;
@@ -169,6 +169,7 @@ std::vector<VectorXd> PressurePlanner::search(const VectorXd& from,
   const clearance::SweepCheck check(model_, roomy);
 
   ompl::msg::setLogLevel(ompl::msg::LOG_NONE);
+  ompl::RNG::setSeed(options.seed);  // of all that are made from now on
   const int n = model_.arm().actuatorCount();
   const VectorXd lower = model_.arm().inputAt(0.0), range = model_.arm().inputAt(1.0) - lower;
   const auto space = std::make_shared<ob::RealVectorStateSpace>(static_cast<unsigned>(n));
