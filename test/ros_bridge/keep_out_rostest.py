@@ -26,7 +26,6 @@ class KeepOut(CommanderCase):
         self.scene = Scene.load("demo")
         path = self.scene_with(DEMO, {**with_post(touches), "safety.slew_kpa_s": 100, **values})
         self.node = self.run_node("pressure_command", "_scene:=" + path)
-        self.connect()
 
     def why(self):
         return self.status[-2:], self.command[-1:], self.node.output()[-3000:]
@@ -40,6 +39,7 @@ class KeepOut(CommanderCase):
 
     def test_what_would_touch_is_refused_by_name_and_the_command_stays(self):
         self.start(TOUCHES)
+        self.connect()
         clear = self.move([0, 1e5, 0])
         self.assertEqual(clear.zone, "post")
         self.assertAlmostEqual(clear.clearance, clearance([0, 1e5, 0], TOUCHES), 3)
@@ -51,6 +51,7 @@ class KeepOut(CommanderCase):
 
     def test_an_arm_that_is_seen_too_close_stays_until_a_command_leads_away(self):
         self.start(TOUCHES)
+        self.connect()
         publisher = rospy.Publisher("measured", ArmShape, queue_size=10)
         shape = ArmShape(tier="measured", sections=1, twist=self.scene.forward([2.2e5, 0, 0]).twists.ravel().tolist())
         self.assert_wait(lambda: publisher.get_num_connections() > 0)
@@ -67,6 +68,7 @@ class KeepOut(CommanderCase):
 
     def test_a_way_around_is_planned_and_every_row_of_it_is_let_through(self):
         self.start(BETWEEN)
+        self.connect()
         client = actionlib.SimpleActionClient("pressure_command/plan_tip_path", PlanTipPathAction)
         self.assertTrue(client.wait_for_server(rospy.Duration(30)))
         self.move(START)
@@ -91,7 +93,7 @@ class KeepOut(CommanderCase):
         self.assertIn("post", client.get_result().message)
 
     def test_a_search_is_cancelled_and_a_goal_that_breaks_a_rule_is_answered(self):
-        """A wall across all that the tip can pass, which begins at 0.3 m of the arm: no search ends by itself."""
+        """A wall across all that the tip can pass, at rest, too, which begins at 0.3 m of the arm: no search ends by itself."""
         self.start(BETWEEN, keep_out=[{"name": "wall", "box": {"size_m": [0.6, 0.001, 0.3], "position_m": [0, 0, 0.15]}}])
         client, feedback = actionlib.SimpleActionClient("pressure_command/plan_tip_path", PlanTipPathAction), []
         self.assertTrue(client.wait_for_server(rospy.Duration(30)))
@@ -107,6 +109,7 @@ class KeepOut(CommanderCase):
 
     def test_zones_are_drawn(self):
         self.start(TOUCHES)
+        self.connect()
         markers = self.inbox("markers", MarkerArray)
         self.assert_wait(lambda: any(one.ns == "zones" for array in markers for one in array.markers))
 
