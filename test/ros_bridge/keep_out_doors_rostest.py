@@ -51,7 +51,7 @@ class Doors(CalibrationRig):
         self.free_the_arm()
         with open(self.path("series.csv"), "w") as file:
             file.write("pressure_1_kpa,pressure_2_kpa,pressure_3_kpa\n0,50,0\n%g,%g,%g\n" % tuple(one / 1e3 for one in TOUCHES))
-        series = self.run_node("pressure_series", "_scene:=demo", "_data:=" + self.path("series.csv"), "_ramp_s:=2", "_hold_s:=1")
+        series = self.run_node("pressure_series", "_scene:=demo", "_data:=" + self.path("series.csv"), "_ramp_s:=2", "_hold_s:=30")
         self.assertEqual(series.code(), 1, series.output())
         self.assertIn("post", series.output())
 
