@@ -16,6 +16,7 @@ constexpr double kLittleDamping = 1e-4;  // ratio at which it goes with its time
 constexpr double kFarthest = 12.0;       // logarithm of a factor on the masses
 constexpr double kFound = 1e-6;          // relative, of a frequency
 constexpr int kMostTries = 40;
+constexpr double kLeastOwn = 0.01;  // of a squared residual
 
 // The arm with other masses and damping.
 class Scaled {
@@ -146,17 +147,24 @@ class Fit {
   }
 
   // What the arm with these factors does after each release.
-  void predict(const model::InputHistory& history, const ModeFit& rings, InertiaFit& fit) const {
+  void predict(const model::InputHistory& history, const ModeFit& rings, InertiaFit& fit) {
     const auto [mass, damping] = std::pair(fit.mass.value, fit.damping.value);
     std::optional<ModeFit> simulated;
     if (history.input.cols() > 0) simulated = arm_.ringsOf(mass, damping, history);
     fit.predicted.clear();
+    own_.clear();
     for (std::size_t i = 0; i < rings.rings.size(); ++i) {
       if (!rings.rings[i].found()) continue;
-      const bool rings_too = simulated && simulated->rings[i].found();
-      fit.predicted.push_back(rings_too ? Vibration{simulated->rings[i].frequency.value,
-                                                    simulated->rings[i].damping.value}
-                                        : arm_.at(mass, damping, arm_.inputOf(rings.rings[i])));
+      const RingDown& ring = rings.rings[i];
+      if (simulated && simulated->rings[i].found()) {
+        const RingDown& alike = simulated->rings[i];
+        const double shared = alike.rms / ring.rms;
+        fit.predicted.push_back({alike.frequency.value, alike.damping.value});
+        own_.push_back(std::sqrt(std::clamp(1 - shared * shared, kLeastOwn, 1.0)));
+      } else {
+        fit.predicted.push_back(arm_.at(mass, damping, arm_.inputOf(ring)));
+        own_.push_back(1.0);
+      }
     }
   }
 
@@ -169,8 +177,9 @@ class Fit {
           fit.mass.value *
           std::pow(ring.frequency.value / fit.predicted[i].frequency, by_frequency_[i]);
       const double damping = fit.damping.value * ring.damping.value / fit.predicted[i].damping;
-      masses.push_back({mass, mass * std::abs(by_frequency_[i]) * relativeError(ring.frequency)});
-      dampings.push_back({damping, damping * relativeError(ring.damping)});
+      masses.push_back(
+          {mass, own_[i] * mass * std::abs(by_frequency_[i]) * relativeError(ring.frequency)});
+      dampings.push_back({damping, own_[i] * damping * relativeError(ring.damping)});
     }
     if (parts_.mass) fit.mass = pooled(masses);
     if (parts_.damping) fit.damping = pooled(dampings);
@@ -181,6 +190,9 @@ class Fit {
   const InertiaParts parts_;
   std::vector<const RingDown*> measured_;
   std::vector<double> by_frequency_;  // of the logarithm of the mass, about -2
+  // Part of a release's error that its arm does not share: what the fitted ringing leaves of a
+  // swing that is large is alike in both.
+  std::vector<double> own_;
 };
 
 }  // namespace

@@ -32,7 +32,7 @@ TEST(Follow, TipsGiveAFigureEach) {
   EXPECT_EQ(result["alarms"], json::array());
   EXPECT_NEAR(result["pictures"].get<int>(), 178, 4);
   // Of the first two tips, in which strokes and lag of the demo's rig are learnt.
-  for (const double steady : numbersOf(result["steady_rms_m"])) EXPECT_LT(steady, 1e-3);
+  for (const double steady : numbersOf(result["steady_rms_m"])) EXPECT_LT(steady, 1.5e-3);
   for (const double settle : numbersOf(result["settle_s"])) EXPECT_LT(settle, 1.5);
   ASSERT_EQ(result["states"].size(), 2u);
   EXPECT_EQ(result["states"][0]["state"], "open");

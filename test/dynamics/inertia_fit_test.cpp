@@ -2,14 +2,17 @@
 
 #include <cmath>
 #include <cstdio>
-#include <fstream>
-#include <sstream>
+#include <string>
 
 #include <gtest/gtest.h>
 
 #include "helix_arm/dynamics/arm_motion.hpp"
+#include "helix_arm/io/data_set.hpp"
+#include "helix_arm/io/fault_list.hpp"
+#include "helix_arm/procedures/response_series.hpp"
 #include "support/loaded_arm.hpp"
 #include "support/random.hpp"
+#include "support/sample_arm.hpp"
 #include "support/test_size.hpp"
 
 namespace helix_arm::estimation {
@@ -87,6 +90,56 @@ TEST(InertiaFit, FindsMassAndDampingOfAnArmThatRings) {
   EXPECT_GE(damping_inside, test::leastOf(draws, 0.9));
   EXPECT_LT(mass_error, 0.05);
   EXPECT_LT(damping_error, 0.2);
+}
+
+// A silicone segment that is pressurised at once (srl-ethz/diffPD_sim2real, MIT licence), as an arm
+// of one section with masses and stiffness that are guesses: each pressure from the other two.
+TEST(InertiaFit, PredictsHowASiliconeSegmentRingsAtAPressureThatTheFitHasNotSeen) {
+  const std::string path = HELIX_ARM_SOURCE_DIR "/../shared/data/silicone_rings.csv";
+  procedures::ResponseSeries series;
+  try {
+    series = procedures::tipSeriesOf(io::loadDataSet(path), 3);
+  } catch (const io::DocumentError&) {
+    GTEST_SKIP() << "no " << path;
+  }
+  constexpr int kTrials = 3, kRows = 600;
+  const model::Arm arm = test::sampleArm();
+  Eigen::MatrixXd input = Eigen::MatrixXd::Zero(kTrials * kRows, 3);
+  for (int row = 0; row < input.rows(); ++row) {
+    if (series.history.time[row] >= 0.1) input(row, 0) = 2e4 + 1e4 * (row / kRows);
+  }
+  series.history.input = input;
+  const ModeFit all = fitMode(series.history, series.reading);
+  ASSERT_EQ(all.rings.size(), 3u);
+  for (int held = 0; held < kTrials; ++held) {
+    model::InputHistory seen;
+    seen.input.resize((kTrials - 1) * kRows, 3);
+    Eigen::MatrixXd tips(seen.input.rows(), 3);
+    for (int row = 0, to = 0; row < input.rows(); ++row) {
+      if (row / kRows == held) continue;
+      seen.input.row(to) = input.row(row);
+      tips.row(to++) = series.reading.row(row);
+      seen.time.push_back(series.history.time[row]);
+      seen.starts_anew.push_back(series.history.starts_anew[row]);
+    }
+    const statics::Load load = loadOf(0.2);
+    MotionConfig config = configOf(0.004);
+    const InertiaFit fit =
+        fitInertia(arm, std::nullopt, load, config, seen, fitMode(seen, tips), {true, true});
+    ASSERT_EQ(fit.failure, "");
+    statics::Load fitted = load;
+    fitted.mass.front() *= fit.mass.value;
+    const double time = fit.damping.value * 0.004;
+    const dynamics::ArmMotion motion(arm, std::nullopt, fitted, configOf(time));
+    const RingDown& ring = all.rings[held];
+    const auto found = dynamics::vibrationsOf(motion.linearisedAt(ring.input)).front();
+    std::printf(
+        "[  FIGURE  ] silicone segment, %d mbar: %.2f Hz, predicted %.2f; damping %.3f, predicted "
+        "%.3f\n",
+        200 + 100 * held, ring.frequency.value, found.frequency, ring.damping.value, found.damping);
+    EXPECT_NEAR(found.frequency / ring.frequency.value, 1, 0.03);
+    EXPECT_NEAR(found.damping / ring.damping.value, 1, 0.15);
+  }
 }
 
 }  // namespace
