@@ -63,7 +63,7 @@ class Doors(CalibrationRig):
         experiment = self.run_node("experiment", "_scene:=demo", f"_out_folder:={self.path('')}", f"_scene_folder:={self.path('')}")
         client = actionlib.SimpleActionClient("experiment/run_experiment", RunExperimentAction)
         self.assert_wait(lambda: client.action_client.wait_for_server(rospy.Duration(1)))
-        client.send_goal(RunExperimentGoal(name="step", repeats=1, hold_s=0.5, actuators=["muscle_1"]))
+        client.send_goal(RunExperimentGoal(name="step", repeats=2, hold_s=0.5, actuators=["muscle_1"]))
         self.assert_wait(lambda: client.gh.get_comm_state() == actionlib.CommState.DONE)
         self.assertFalse(client.get_result().success, experiment.output())
         self.assertIn("post", client.get_result().message)
