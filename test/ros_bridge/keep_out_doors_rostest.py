@@ -10,6 +10,7 @@ import rostest
 from actionlib_msgs.msg import GoalStatus
 from geometry_msgs.msg import Point, Pose, Quaternion
 from helix_arm import Scene
+from std_srvs.srv import Trigger
 from visualization_msgs.msg import InteractiveMarkerFeedback, InteractiveMarkerInit
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", "support"))
@@ -63,6 +64,7 @@ class Doors(CalibrationRig):
         experiment = self.run_node("experiment", "_scene:=demo", f"_out_folder:={self.path('')}", f"_scene_folder:={self.path('')}")
         client = actionlib.SimpleActionClient("experiment/run_experiment", RunExperimentAction)
         self.assert_wait(lambda: client.action_client.wait_for_server(rospy.Duration(1)))
+        self.assert_wait(lambda: self.call("/pressure_command/enable", Trigger).success)
         client.send_goal(RunExperimentGoal(name="step", repeats=2, hold_s=0.5, actuators=["muscle_1"]))
         self.assert_wait(lambda: client.gh.get_comm_state() == actionlib.CommState.DONE)
         self.assertFalse(client.get_result().success, experiment.output())
