@@ -41,7 +41,8 @@ class Doors(CalibrationRig):
         shape = Scene.load("demo").forward(TOUCHES)
         self.pose = Pose(Point(*shape.tips), Quaternion(*shape.quaternions_xyzw))
         self.assert_blocked(self.send_pressures(TOUCHES))
-        for topic, target in (("tip_target", TipTarget(pose=self.pose)), ("tip_target", TipTarget(mode=TipTarget.POSE, pose=self.pose)),
+        for topic, target in (("tip_target", TipTarget(pose=self.pose)),
+                              ("tip_target", TipTarget(mode=TipTarget.POSE, pose=self.pose)),
                               ("shape_target", ShapeTarget(twist=shape.twists.ravel().tolist()))):
             publisher = rospy.Publisher(topic, type(target), queue_size=10)
             self.assert_wait(lambda: publisher.get_num_connections() > 0)
