@@ -218,10 +218,11 @@ TEST(SceneLoader, VisionIsInSi) {
 }
 
 TEST(SceneLoader, SimulationSaysHowTheRigDiffers) {
-  const auto [arm, mounts, camera] = sceneOf(kSpatialScene).simulation;
+  const auto [arm, mounts, camera, bodies] = sceneOf(kSpatialScene).simulation;
   EXPECT_EQ(std::tie(arm.K_gamma_scale, arm.K_kappa_scale, arm.length_scale, arm.K_eps_scale),
             std::make_tuple(0.8, 1.2, 1.02, 0.9));
   EXPECT_EQ(arm.length_scales.size(), 0);
+  EXPECT_EQ(bodies.seed, 1u);
   EXPECT_EQ(sceneOf(kPlanarScene, {{"simulation.arm.length_scales", "[0.98, 1.02]"}})
                 .simulation.arm.length_scales,
             Eigen::Vector2d(0.98, 1.02));

@@ -55,7 +55,9 @@ TEST_F(BodyCalibration, FindsTheFrameWhereverItIs) {
   EXPECT_LT((truth * error * truth.inverse()).translation.norm(), 0.001);
   EXPECT_LT(angleOf(error.rotation), 0.002);
   for (const estimation::Parameter& one : parametersOf(outcome)) {
-    if (one.name == "length_scale") EXPECT_NEAR(one.value, 1.01, 0.003);
+    if (one.name == "length_scale") {
+      EXPECT_NEAR(one.value, 1.01, 0.003);
+    }
   }
   // The tip is where the model says to the noise of its body.
   EXPECT_LT(outcome.tip_error_after.value(), 0.001);
