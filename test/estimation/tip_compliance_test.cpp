@@ -133,7 +133,7 @@ class Eye {
   model::Shape fitted(const model::Shape& shape, const std::vector<int>& tags,
                       const model::Shape& expected) {
     std::vector<CornerObservation> seen;
-    for (const int tag : tags) seen.push_back(observe(view_, shape, tag));
+    for (const int tag : tags) seen.push_back(observe(view_.layout, shape, view_.X_CB, tag));
     const TwistFit& fit = fitter_.fit(seen, view_.X_CB, view_.camera.focal(), expected, expected);
     EXPECT_EQ(fit.status, FitStatus::kConverged);
     return fit.shape;
