@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <tuple>
 #include <utility>
 
@@ -126,11 +127,13 @@ void PoseSource::add(const ros::Time& stamp, const estimation::BodyPose& pose) {
   const auto isComplete = [this](const auto& one) {
     return one.second.poses.size() == layout_.tags.size();
   };
-  const auto complete = std::find_if(sets_.rbegin(), sets_.rend(), isComplete).base();
+  const auto complete = std::find_if(sets_.rbegin(), sets_.rend(), isComplete);
+  auto ready = std::distance(complete, sets_.rend());
   const ros::Time newest = sets_.rbegin()->first;
   while (!sets_.empty() &&
-         (complete != sets_.begin() || secondsBetween(sets_.begin()->first, newest) > kPatience)) {
+         (ready > 0 || secondsBetween(sets_.begin()->first, newest) > kPatience)) {
     auto next = sets_.extract(sets_.begin());
+    --ready;
     last_ = next.key();
     take_({last_, std::move(next.mapped())});
   }
