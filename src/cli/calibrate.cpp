@@ -145,7 +145,7 @@ struct CalibrateOptions {
   std::vector<std::string> data, also;
   procedures::CalibrationRequest request;
   bool verbose = false;
-  std::optional<int> muscles;  // on a testing machine
+  std::optional<int> muscles;               // on a testing machine
   procedures::RecordedPressures pressures;  // of recordings of bodies
   double rest_offset_mm = 1e3 * request.rest_offset;
 };
@@ -424,7 +424,8 @@ int run(const CalibrateOptions& options, const GlobalOptions& global) {
   if (options.branch == "falling") request.branch = estimation::Branch::kFalling;
   request.rest_offset = 1e-3 * options.rest_offset_mm;
   request.date = procedures::utcNow();
-  const procedures::CalibrationData data = ros_bridge::loadMeasurements(scene, options.data, {}, options.pressures);
+  const procedures::CalibrationData data =
+      ros_bridge::loadMeasurements(scene, options.data, {}, options.pressures);
   std::vector<procedures::CompanionArm> companions;
   for (const std::string& text : options.also) companions.push_back(companionOf(text));
   const procedures::CalibrationOutcome outcome =

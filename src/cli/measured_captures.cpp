@@ -220,7 +220,7 @@ std::optional<double> median(std::vector<double> values) {
 
 struct CaptureOptions {
   std::string scene, data, png, contraction;
-  std::optional<int> muscles;  // on a testing machine
+  std::optional<int> muscles;               // on a testing machine
   procedures::RecordedPressures pressures;  // of recordings of bodies
 };
 

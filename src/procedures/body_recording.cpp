@@ -6,9 +6,9 @@
 #include <utility>
 
 #include "helix_arm/basics/text.hpp"
-#include "helix_arm/io/body_table.hpp"
 #include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/procedures/settle_watch.hpp"
+#include "io/data/body_table.hpp"
 
 namespace helix_arm::procedures {
 namespace {

@@ -217,12 +217,42 @@ TEST(SceneLoader, VisionIsInSi) {
   EXPECT_TRUE(config.fit.free_border_shift);
 }
 
+// On an arm with a plate and a tool, against the poses of its curve and its tip.
+TEST(SceneLoader, BodiesAreWhereTheyAreFixed) {
+  const io::Scene scene = test::shippedScene(
+      "mocap",
+      {{"arm.sections.0.plate_m", "0.02"},
+       {"arm.tool", "{position_m: [0.05, 0.01, 0], rpy_deg: [0, 0, 30]}"},
+       {"bodies",
+        "[{name: a, plate: base, position_m: [0, 0.09, 0]}, {name: b, section: arm, s: 0.5,"
+        " rpy_deg: [90, 0, 0]}, {name: c, plate: arm}, {name: d, tool: true, position_m: "
+        "[0, 0, 0.03], noise: {position_m: 0.0005, rotation_deg: 0}}]"}});
+  ASSERT_TRUE(scene.hasBodies() && scene.isSeen());
+  const model::Shape shape = scene.model.solve(scene.arm.inputAt(0.4)).shape;
+  const std::vector<lie::SE3> seen = estimation::tagPoses(*scene.tags, shape);
+  const auto moved = [](double x, double y, double z) {
+    return lie::SE3{Eigen::Matrix3d::Identity(), Eigen::Vector3d(x, y, z)};
+  };
+  const lie::SE3 turn{Eigen::AngleAxisd(kPi / 2, Eigen::Vector3d::UnitX()).toRotationMatrix(),
+                      Eigen::Vector3d::Zero()};
+  const lie::SE3 expected[] = {moved(0, 0.09, 0), model::poseAt(shape, 0, 0.5) * turn,
+                               model::poseAt(shape, 0, 1.0) * moved(0.02, 0, 0),
+                               model::tipPose(shape) * moved(0, 0, 0.03)};
+  ASSERT_EQ(seen.size(), 4U);
+  for (std::size_t i = 0; i < 4; ++i) {
+    EXPECT_LT((expected[i].inverse() * seen[i]).log().norm(), 1e-12) << i;
+  }
+  EXPECT_EQ(scene.tags->tags[3].noise->position, 0.0005);
+  EXPECT_EQ(scene.tags->tags[3].noise->rotation, 0);
+  EXPECT_EQ(scene.vision.min_tags, 1);
+}
+
 TEST(SceneLoader, SimulationSaysHowTheRigDiffers) {
   const auto [arm, mounts, camera, bodies] = sceneOf(kSpatialScene).simulation;
+  EXPECT_EQ(std::tie(bodies.rate, bodies.lost, bodies.seed), std::make_tuple(100, 0, 1U));
   EXPECT_EQ(std::tie(arm.K_gamma_scale, arm.K_kappa_scale, arm.length_scale, arm.K_eps_scale),
             std::make_tuple(0.8, 1.2, 1.02, 0.9));
   EXPECT_EQ(arm.length_scales.size(), 0);
-  EXPECT_EQ(bodies.seed, 1u);
   EXPECT_EQ(sceneOf(kPlanarScene, {{"simulation.arm.length_scales", "[0.98, 1.02]"}})
                 .simulation.arm.length_scales,
             Eigen::Vector2d(0.98, 1.02));

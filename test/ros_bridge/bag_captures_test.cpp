@@ -8,10 +8,12 @@
 #include <sys/stat.h>
 #include <sys/wait.h>
 
+#include "helix_arm/BodyPoses.h"
 #include "helix_arm/PressureArray.h"
 #include "helix_arm/TagDetections.h"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/scene.hpp"
+#include "ros_bridge/common/conversions.hpp"
 #include "support/random.hpp"
 #include "support/refusal.hpp"
 #include "support/shipped_scene.hpp"
@@ -46,6 +48,13 @@ class Recording {
       if (commanded) write(ns + "/pressure_command", message, 0);
       if (++tick_ % 5 == 0) write(ns + "/tag_detections", detections(header, pressure), 0.1);
     }
+  }
+
+  // The same with poses of bodies at the end of each part.
+  void playWith(const Eigen::Vector3d& pressure, double seconds, BodyPoses bodies) {
+    play(pressure, seconds);
+    bodies.header.stamp = time_;
+    write("/body_poses", bodies, 0.01);
   }
 
   // The corners of two tags of the scene, one that is not, and one that is seen twice.
@@ -122,6 +131,37 @@ TEST(BagCaptures, AreDataLikeAnyOtherAndCountOn) {
   EXPECT_NE(data.sources[0].sha256, data.sources[1].sha256);
   ASSERT_EQ(data.warnings.size(), 1u);
   EXPECT_NE(data.warnings[0].find(paths[1]), std::string::npos);
+}
+
+TEST(BagCaptures, BodiesAreCapturedWithTheirPoses) {
+  const io::Scene scene = test::shippedScene("mocap");
+  const test::TemporaryFolder folder;
+  Recording recording(folder / "bodies.bag");
+  const auto hold = [&](const Eigen::Vector3d& pressure) {
+    const auto places = estimation::tagPoses(*scene.tags, scene.model.solve(pressure).shape);
+    for (int k = 0; k < 30; ++k) {
+      BodyPoses seen;
+      for (std::size_t i = 0; i < places.size(); ++i) {
+        seen.name.push_back(scene.tags->tags[i].name);
+        seen.pose.push_back(toPoseMsg(scene.X_CB() * places[i]));
+      }
+      recording.playWith(pressure, 0.1, seen);
+    }
+    return places;
+  };
+  hold({0, 0, 0});
+  const std::vector<lie::SE3> truth = hold({1e5, 2e5, 0});
+  const std::string& path = recording.close();
+  const procedures::CalibrationData data = loadMeasurements(scene, {path}, {});
+  ASSERT_EQ(data.captures.size(), 2U);
+  const auto& poses = std::get<std::vector<estimation::PoseObservation>>(data.captures[1].reading);
+  ASSERT_EQ(poses.size(), truth.size());
+  for (const estimation::PoseObservation& one : poses) {
+    EXPECT_LT((one.X_BT.inverse() * truth.at(static_cast<std::size_t>(one.tag))).log().norm(),
+              1e-9);
+  }
+  // A scene with tags takes those.
+  EXPECT_EQ(loadMeasurements(demo(), {path}, {}).captures.size(), 2U);
 }
 
 TEST(BagCaptures, AnArmThatIsNeverAtRestIsReported) {

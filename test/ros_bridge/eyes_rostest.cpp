@@ -4,10 +4,12 @@
 #include <fstream>
 #include <set>
 
+#include <geometry_msgs/PoseStamped.h>
 #include <tf2_msgs/TFMessage.h>
 
 #include "helix_arm/vision/frame_source.hpp"
 #include "ros_bridge/vision/observations.hpp"
+#include "ros_bridge/vision/pose_source.hpp"
 #include "support/process.hpp"
 #include "support/tag_picture.hpp"
 #include "support/temporary_folder.hpp"
@@ -343,6 +345,49 @@ TEST(File, ItsPicturesAreRepublishedWithTheirIntrinsics) {
 }
 
 // ---- Parts of nodes, each on its own ------------------------------------------------------------
+
+// Poses that wait for a body that is lost are handed over one set at a time.
+TEST(PoseSource, ALostBodyLeavesTheOthersInSetsOfOneTime) {
+  ros::NodeHandle node("poses");
+  const io::Scene scene = shippedScene("mocap");
+  std::vector<ros_bridge::Picture> sets;
+  std::vector<std::string> faults;
+  ros_bridge::PoseOptions options;
+  options.topics = "NAME/pose";
+  const ros_bridge::PoseSource source(
+      node, options, *scene.tags, [&](ros_bridge::Picture set) { sets.push_back(std::move(set)); },
+      [&](const ros_bridge::PictureRefusal& refusal) { faults.push_back(refusal.message); });
+  std::vector<ros::Publisher> publishers;
+  for (const char* name : {"frame", "tip"}) {
+    publishers.push_back(
+        node.advertise<geometry_msgs::PoseStamped>(name + std::string("/pose"), 99));
+    ASSERT_TRUE(waitFor([&] { return publishers.back().getNumSubscribers() == 1; }));
+  }
+  constexpr int kSets = 20;
+  const auto send = [](const ros::Publisher& publisher, const ros::Time& stamp) {
+    geometry_msgs::PoseStamped pose;
+    pose.header.frame_id = "mocap";
+    pose.header.stamp = stamp;
+    pose.pose.orientation.w = 1;
+    publisher.publish(pose);
+  };
+  // Each body in one go, as on a busy machine; later ones tell that time goes on.
+  const ros::Time begin = ros::Time::now() - ros::Duration(0.1);
+  for (const ros::Publisher& publisher : publishers) {
+    for (int k = 0; k < kSets; ++k) send(publisher, begin + ros::Duration(0.005 * k));
+  }
+  ASSERT_TRUE(waitFor([&] {
+    send(publishers.front(), ros::Time::now());
+    return sets.size() >= kSets;
+  }));
+  EXPECT_EQ(faults, std::vector<std::string>());
+  for (int k = 0; k < kSets; ++k) {
+    const auto& set = std::get<ros_bridge::BodySet>(sets[static_cast<std::size_t>(k)].content);
+    EXPECT_EQ(set.poses.size(), 2U) << k;
+    EXPECT_EQ(set.frame, "mocap");
+    if (k > 0) EXPECT_LT(sets[k - 1U].stamp, sets[static_cast<std::size_t>(k)].stamp);
+  }
+}
 
 // A thread of the vision nodelet fails while the other finishes its picture.
 TEST(VisionStatusPublisher, NoStateFollowsAFailure) {

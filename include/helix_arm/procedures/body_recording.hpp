@@ -31,11 +31,11 @@ ClockLag lagBetween(const std::vector<double>& from, const Eigen::MatrixXd& of_f
                     const std::vector<double>& to, const Eigen::MatrixXd& of_to);
 
 /// A data set of measurements of the scene's arm. A recording of its bodies (io::loadBodyTable())
-/// becomes a data set of tag poses, with one capture for each time at which pressures and arm are at
-/// rest; every other file is read as it is.
+/// becomes a data set of tag poses, with one capture for each time at which pressures and arm are
+/// at rest; every other file is read as it is.
 /// @param notes  gets the offset of clocks that was found.
-/// @throws DocumentError with all faults; where the clocks cannot be told apart, or the arm is never
-/// at rest.
+/// @throws DocumentError with all faults; where the clocks cannot be told apart, or the arm is
+/// never at rest.
 io::DataSet measurementsOf(const io::Scene& scene, const std::string& path,
                            const RecordedPressures& pressures, std::vector<std::string>& notes);
 

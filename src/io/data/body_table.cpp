@@ -1,4 +1,4 @@
-#include "helix_arm/io/body_table.hpp"
+#include "body_table.hpp"
 
 #include <Eigen/Geometry>
 #include <algorithm>

@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <tuple>
 #include <utility>
 
@@ -117,22 +118,29 @@ void PoseSource::add(const ros::Time& stamp, const estimation::BodyPose& pose) {
     return std::any_of(set.poses.begin(), set.poses.end(),
                        [&pose](const auto& one) { return one.body == pose.body; });
   };
-  auto set = std::find_if(sets_.begin(), sets_.end(), [&](const auto& one) {
-    return std::abs(secondsBetween(one.first, stamp)) <= options_.together && !has(one.second);
-  });
-  if (set == sets_.end()) set = sets_.emplace(stamp, BodySet{{}, frame_}).first;
-  set->second.poses.push_back(pose);
+  const ros::SteadyTime now = ros::SteadyTime::now();
+  auto place = sets_.end();  // the nearest set that lacks the body
+  double nearest = options_.together;
+  for (auto one = sets_.begin(); one != sets_.end(); ++one) {
+    const double distance = std::abs(secondsBetween(one->first, stamp));
+    if (distance > nearest || has(one->second.set)) continue;
+    nearest = distance;
+    place = one;
+  }
+  if (place == sets_.end()) place = sets_.emplace(stamp, Waiting{{{}, frame_}, now}).first;
+  place->second.set.poses.push_back(pose);
   // Up to the last complete set, and those that have waited long enough.
   const auto isComplete = [this](const auto& one) {
-    return one.second.poses.size() == layout_.tags.size();
+    return one.second.set.poses.size() == layout_.tags.size();
   };
-  const auto complete = std::find_if(sets_.rbegin(), sets_.rend(), isComplete).base();
-  const ros::Time newest = sets_.rbegin()->first;
+  const auto complete = std::find_if(sets_.rbegin(), sets_.rend(), isComplete);
+  auto ready = std::distance(complete, sets_.rend());
   while (!sets_.empty() &&
-         (complete != sets_.begin() || secondsBetween(sets_.begin()->first, newest) > kPatience)) {
+         (ready > 0 || now - sets_.begin()->second.since > ros::WallDuration(kPatience))) {
     auto next = sets_.extract(sets_.begin());
+    --ready;
     last_ = next.key();
-    take_({last_, std::move(next.mapped())});
+    take_({last_, std::move(next.mapped().set)});
   }
 }
 

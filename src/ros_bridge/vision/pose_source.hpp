@@ -26,7 +26,7 @@ struct PoseOptions {
 
 /// The poses of a motion-capture system's bodies, each from a topic of its own or from tf, gathered
 /// to sets of one time. A set is handed over once it has every body, once a later one has, or after
-/// kPatience by the stamps: messages of several topics arrive in any order.
+/// kPatience by a steady clock: messages of several topics arrive in any order.
 ///
 /// A pose is dropped, and the reason told, if it is not finite, has a quaternion that is none,
 /// comes in another frame than the others, late, or stamped far from ROS time. For the thread of
@@ -59,8 +59,12 @@ class PoseSource {
   const Refuse refuse_;
   std::string frame_;                    ///< of the poses
   std::map<std::string, int> of_frame_;  ///< bodies by their frames in tf
-  std::map<ros::Time, BodySet> sets_;    ///< not handed over yet, by their first stamps
-  ros::Time last_;                       ///< of the sets that were
+  struct Waiting {
+    BodySet set;
+    ros::SteadyTime since;
+  };
+  std::map<ros::Time, Waiting> sets_;  ///< not handed over yet, by their first stamps
+  ros::Time last_;                     ///< of the sets that were
   std::vector<ros::Subscriber> subscribers_;
 };
 

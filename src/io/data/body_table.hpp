@@ -16,8 +16,8 @@ struct BodyTable {
   std::string sha256;  ///< hash of the bytes that were read
 };
 
-/// Whether a file is a recording of bodies, by its first lines: a table with columns NAME_x_m, or an
-/// export of OptiTrack Motive or of Vicon Nexus or Tracker.
+/// Whether a file is a recording of bodies, by its first lines: a table with columns NAME_x_m, or
+/// an export of OptiTrack Motive or of Vicon Nexus or Tracker.
 bool isBodyTable(const std::string& path);
 
 /// Reads a recording of these bodies:
