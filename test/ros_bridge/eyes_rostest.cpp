@@ -385,7 +385,9 @@ TEST(PoseSource, ALostBodyLeavesTheOthersInSetsOfOneTime) {
     const auto& set = std::get<ros_bridge::BodySet>(sets[static_cast<std::size_t>(k)].content);
     EXPECT_EQ(set.poses.size(), 2U) << k;
     EXPECT_EQ(set.frame, "mocap");
-    if (k > 0) EXPECT_LT(sets[k - 1U].stamp, sets[static_cast<std::size_t>(k)].stamp);
+    if (k > 0) {
+      EXPECT_LT(sets[k - 1U].stamp, sets[static_cast<std::size_t>(k)].stamp);
+    }
   }
 }
 
