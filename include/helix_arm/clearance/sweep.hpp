@@ -20,7 +20,7 @@ struct Blocked {
   Eigen::VectorXd last_clear;  ///< (n) of the last place before; empty if there is none
   Eigen::Vector3d clear_tip = Eigen::Vector3d::Zero();  ///< of last_clear, base frame [m]
 
-  /// "comes within 3.1 mm of post; clearance_m is 10 mm".
+  /// "comes within 3.1 mm of post; clearance_m asks for 10 mm".
   std::string text() const;
 };
 

@@ -18,6 +18,7 @@ struct PlanProgress {
   double seconds;     ///< since its begin [s]
 };
 
+/// Bounds of a search, and its rows.
 struct PlanOptions {
   double longest = 5.0;    ///< time of the search, > 0 [s]
   std::uint32_t seed = 1;  ///< of its samples
