@@ -163,7 +163,7 @@ TEST(Tags, OfEveryShippedSceneAreReadBackFromThePrintInTheirSize) {
   int scenes = 0;
   for (const std::string& path : shippedScenes()) {
     const io::Scene scene = io::loadScene(path);
-    if (!scene.tags || !test::isDrawn(scenes++, 2)) continue;
+    if (!scene.tags || scene.tags->hasBodies() || !test::isDrawn(scenes++, 2)) continue;
     const auto& [paper, size] = *std::next(kPaperSizes.begin(), scenes % 2);
     SCOPED_TRACE(scene.name + " on " + paper);
     const Printed printed({path, "--paper", paper});

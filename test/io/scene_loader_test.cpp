@@ -454,7 +454,8 @@ TEST(SceneTaper, ListsAreTheEndsOfTheSection) {
 }
 
 TEST(SceneTaper, TagsFollowTheirMuscle) {
-  const Scene scene = shippedScene("demo", {{"arm.sections.0.ring.radius_m", "[0.05, 0.025]"}});
+  const Scene scene = shippedScene(
+      "demo", {{"arm.sections.0.ring.radius_m", "[0.05, 0.025]"}, {"simulation.arm", "{}"}});
   const estimation::TagPlacement& first = scene.tags->tags.front();
   const double stand =
       (first.X_ST.translation - model::poseAlong(scene.arm.actuator(0), first.s).translation)

@@ -40,6 +40,7 @@ struct PrincipalAxes {
   Eigen::VectorXd eigenvalues;
   Eigen::MatrixXd eigenvectors;
 };
+/// The axes of a symmetric matrix.
 PrincipalAxes principalAxes(const Eigen::MatrixXd& symmetric);
 
 }  // namespace helix_arm::estimation
