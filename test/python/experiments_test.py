@@ -152,6 +152,7 @@ class RealArmTest(unittest.TestCase):
                     self.assertIsNone(one["value"])
                     self.assertIn(protocol, one["definition"])
 
+    @full_size_only
     def test_the_data_sheet_of_steps_has_lag_and_loop_width(self):
         found = self.analysed("three_chamber_steps.csv")
         values = {one["name"]: one for sheet in found.values() for one in sheet if one["value"] is not None}
