@@ -406,7 +406,7 @@ double payloadByGrid(const ArmModel& model, const Eigen::Vector3d& tip,
 
 TEST(Payload, IsWithinOnePercentOfBruteForce) {
   test::Random random(533);
-  const int cases = test::draws(10, 250);
+  const int cases = test::draws(6, 250);
   int counted = 0, within = 0;
   for (int number = 0; number < cases; ++number) {
     const bool planar = number % 3 == 0;

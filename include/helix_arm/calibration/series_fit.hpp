@@ -150,8 +150,7 @@ struct SeriesFaults {
   std::vector<Eigen::Index> frozen;  ///< the same to the last digit while pressures change
   std::vector<Eigen::Index> far;     ///< far away from all others, or from the rows about them
 };
-/// Finds them among the rows of a series.
-SeriesFaults faultyRows(const TipSeries& series);
+SeriesFaults faultyRows(const TipSeries& series);  ///< finds them
 
 /// RMS distance of the positions from a cubic of the pressures behind the best of some lags, fitted
 /// to the same rows: as near as a model comes that knows nothing of arms, so that it tells the

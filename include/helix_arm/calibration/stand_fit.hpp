@@ -45,8 +45,7 @@ struct StandComparison {
   std::optional<double> loop;
   int beyond = 0;  ///< readings at pressures beyond the curve
 };
-/// Compares a law with a run of so many equal muscles in parallel.
-StandComparison compareStand(const StandLaw& law, const StandRun& run, int muscles);
+StandComparison compareStand(const StandLaw& law, const StandRun& run, int muscles);  ///< of parallel ones
 
 /// A law with its errors.
 struct StandFit {

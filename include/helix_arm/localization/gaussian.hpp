@@ -40,7 +40,6 @@ struct PrincipalAxes {
   Eigen::VectorXd eigenvalues;
   Eigen::MatrixXd eigenvectors;
 };
-/// The axes of a symmetric matrix.
-PrincipalAxes principalAxes(const Eigen::MatrixXd& symmetric);
+PrincipalAxes principalAxes(const Eigen::MatrixXd& symmetric);  ///< those of a symmetric matrix
 
 }  // namespace helix_arm::estimation
