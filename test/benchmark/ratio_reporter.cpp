@@ -116,8 +116,10 @@ int main(int argc, char** argv) {
   }
   reporter.printRatio("attain, against Ceres", "attain", "attainOfPeer");
   reporter.printRatio("payload, against Ceres", "payload", "payloadOfPeer");
-  reporter.printRatio("distance from 6 zones, against dense sampling", "distance", "distanceOfPeer");
-  reporter.printRatio("distance from 6 zones, against capsules of FCL", "distance", "capsulesOfPeer");
+  reporter.printRatio("distance from 6 zones, against dense sampling", "distance",
+                      "distanceOfPeer");
+  reporter.printRatio("distance from 6 zones, against capsules of FCL", "distance",
+                      "capsulesOfPeer");
   reporter.printRatio("placement of 50 x 8 tags, against differences", "placement",
                       "placementOfPeer");
   for (const std::string arm : {"soft", "scene"}) {

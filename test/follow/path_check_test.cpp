@@ -219,8 +219,7 @@ TEST_F(PathCheck, AZoneOnTheWayIsNamed) {
   const auto blocked = refusal(0.5 * (from + to) + Eigen::Vector3d(0.01, 0, 0));
   ASSERT_TRUE(blocked);
   EXPECT_EQ(blocked->fault, PathFault::kBlocked);
-  EXPECT_TRUE(test::has(blocked->reason, "of ball; clearance_m asks for 10 mm"))
-      << blocked->reason;
+  EXPECT_TRUE(test::has(blocked->reason, "of ball; clearance_m asks for 10 mm")) << blocked->reason;
   EXPECT_LT(blocked->time, 30);
   // The arm begins straight, and passes it on its way to the first point.
   const auto before = refusal(0.5 * (arm.tip(arm.inputAt(0.0)).translation + from));

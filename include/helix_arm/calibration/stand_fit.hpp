@@ -45,7 +45,8 @@ struct StandComparison {
   std::optional<double> loop;
   int beyond = 0;  ///< readings at pressures beyond the curve
 };
-StandComparison compareStand(const StandLaw& law, const StandRun& run, int muscles);  ///< of parallel ones
+StandComparison compareStand(const StandLaw& law, const StandRun& run,
+                             int muscles);  ///< of parallel ones
 
 /// A law with its errors.
 struct StandFit {

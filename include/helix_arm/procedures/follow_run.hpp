@@ -69,7 +69,7 @@ struct FollowRow {
   /// `wanted` is out of reach of the corrected arm, which goes to the closest place.
   bool unreachable = false;
   std::vector<statics::Limit> limits;  ///< (n) at which the commanded pressures are; empty without
-  double load_score = 0.0;  ///< of a force on the arm, see estimation::ExternalLoad
+  double load_score = 0.0;             ///< of a force on the arm, see estimation::ExternalLoad
 };
 
 /// Least time of a tip: its last second is its steady state [s].
