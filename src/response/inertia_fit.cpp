@@ -146,7 +146,7 @@ class Fit {
     if (parts_.damping) fit.damping = pooled(dampings);
   }
 
-  // What the arm with these factors does after each release.
+  // Vibrations of the arm with these factors, one after each release.
   void predict(const model::InputHistory& history, const ModeFit& rings, InertiaFit& fit) {
     const auto [mass, damping] = std::pair(fit.mass.value, fit.damping.value);
     std::optional<ModeFit> simulated;

@@ -11,7 +11,7 @@
 
 namespace helix_arm::estimation {
 
-/// What fitInertia() fits.
+/// Parameters that fitInertia() fits.
 struct InertiaParts {
   bool mass, damping;
 };
