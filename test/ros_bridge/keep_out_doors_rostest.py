@@ -65,9 +65,15 @@ class Doors(CalibrationRig):
         experiment = self.run_node("experiment", "_scene:=demo", f"_out_folder:={self.path('')}", f"_scene_folder:={self.path('')}")
         client = actionlib.SimpleActionClient("experiment/run_experiment", RunExperimentAction)
         self.assert_wait(lambda: client.action_client.wait_for_server(rospy.Duration(1)))
-        self.assert_wait(lambda: self.call("/pressure_command/enable", Trigger).success)
-        client.send_goal(RunExperimentGoal(name="step", repeats=2, hold_s=0.5, actuators=["muscle_1"]))
-        self.assert_wait(lambda: client.gh.get_comm_state() == actionlib.CommState.DONE)
+
+        def sees_the_arm():
+            """Sends a goal, which a node that has just started ends if no vision_status has reached it yet."""
+            self.assert_wait(lambda: self.call("/pressure_command/enable", Trigger).success)
+            client.send_goal(RunExperimentGoal(name="step", repeats=2, hold_s=0.5, actuators=["muscle_1"]))
+            self.assert_wait(lambda: client.gh.get_comm_state() == actionlib.CommState.DONE)
+            return "was not seen" not in client.get_result().message
+
+        self.assert_wait(sees_the_arm)
         self.assertFalse(client.get_result().success, experiment.output())
         self.assertIn("post", client.get_result().message)
 
