@@ -14,13 +14,6 @@ namespace {
 // Part of their own motion by which orientations that a mistake explains may be off.
 constexpr double kExplained = 0.4;
 
-// The rotation nearest to a matrix (Frobenius norm).
-Eigen::Matrix3d nearestRotation(const Eigen::Matrix3d& matrix) {
-  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(matrix, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  const double sign = (svd.matrixU() * svd.matrixV().transpose()).determinant();
-  return svd.matrixU() * Eigen::Vector3d(1, 1, sign).asDiagonal() * svd.matrixV().transpose();
-}
-
 Eigen::Matrix3d meanOf(const Rotations& rotations) {
   Eigen::Matrix3d sum = Eigen::Matrix3d::Zero();
   for (const Eigen::Matrix3d& R : rotations) sum += R;
@@ -57,6 +50,12 @@ Rotations changed(const Rotations& rotations,
 }
 
 }  // namespace
+
+Eigen::Matrix3d nearestRotation(const Eigen::Matrix3d& matrix) {
+  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(matrix, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  const double sign = (svd.matrixU() * svd.matrixV().transpose()).determinant();
+  return svd.matrixU() * Eigen::Vector3d(1, 1, sign).asDiagonal() * svd.matrixV().transpose();
+}
 
 Eigen::Vector3d rotationVector(const Eigen::Matrix3d& R) {
   return lie::SO3{Eigen::Quaterniond(R)}.log();

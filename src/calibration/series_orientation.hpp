@@ -9,6 +9,9 @@ namespace helix_arm::estimation {
 
 using Rotations = std::vector<Eigen::Matrix3d>;
 
+/// The rotation nearest to a matrix (Frobenius norm).
+Eigen::Matrix3d nearestRotation(const Eigen::Matrix3d& matrix);
+
 /// The rotation vector of R [rad], and the rotation of such a vector.
 Eigen::Vector3d rotationVector(const Eigen::Matrix3d& R);
 Eigen::Matrix3d rotationOf(const Eigen::Vector3d& vector);

@@ -35,8 +35,7 @@ struct Motion {
   std::vector<double> time;
   std::vector<lie::SE3> tip;
   dynamics::MotionSummary summary;
-  json vibrations;  // of small motions at the last pressures, slowest first; null without a rest
-  double seconds;   // that it took
+  double seconds;  // that it took
 };
 
 dynamics::InputSeries seriesOf(const io::Scene& scene, const io::DataSet& data) {
@@ -65,6 +64,14 @@ std::vector<double> timesOf(const dynamics::InputSeries& series, double every) {
   return times;
 }
 
+dynamics::ArmMotion armOf(const io::Scene& scene, const MotionArguments& arguments) {
+  dynamics::MotionConfig config = scene.dynamics;
+  config.order = arguments.order.value_or(config.order);
+  config.step = arguments.step.value_or(config.step);
+  return {scene.arm, scene.planar, scene.model.load(), config};
+}
+
+// Those of small motions about the rest at inputs (n), slowest first; null without a rest.
 json vibrationsAt(const dynamics::ArmMotion& arm, const Eigen::VectorXd& input) {
   try {
     return listJson(dynamics::vibrationsOf(arm.linearisedAt(input)),
@@ -76,12 +83,8 @@ json vibrationsAt(const dynamics::ArmMotion& arm, const Eigen::VectorXd& input) 
   }
 }
 
-Motion move(const io::Scene& scene, const MotionArguments& arguments,
+Motion move(const dynamics::ArmMotion& arm, const MotionArguments& arguments,
             const dynamics::InputSeries& series) {
-  dynamics::MotionConfig config = scene.dynamics;
-  config.order = arguments.order.value_or(config.order);
-  config.step = arguments.step.value_or(config.step);
-  const dynamics::ArmMotion arm(scene.arm, scene.planar, scene.model.load(), config);
   Motion motion;
   motion.time = timesOf(series, arguments.every);
   const InterruptWatch watch;
@@ -99,7 +102,6 @@ Motion move(const io::Scene& scene, const MotionArguments& arguments,
         return !interrupted();
       });
   motion.seconds = regulator::steadyNow() - begin;
-  motion.vibrations = vibrationsAt(arm, series.input.row(series.input.rows() - 1));
   return motion;
 }
 
@@ -116,7 +118,8 @@ std::string csvOf(const io::Scene& scene, const Motion& motion) {
   return out.str();
 }
 
-json reportOf(const io::Scene& scene, const MotionArguments& arguments, const Motion& motion) {
+json reportOf(const io::Scene& scene, const MotionArguments& arguments, const Motion& motion,
+              const json& vibrations) {
   const dynamics::Energy& energy = motion.summary.energy;
   const double moved = motion.time.back() - motion.time.front();
   json report{{"scene", scene.name},
@@ -134,7 +137,7 @@ json reportOf(const io::Scene& scene, const MotionArguments& arguments, const Mo
                 {"dissipated", energy.dissipated},
                 {"work", energy.work}}},
               {"tip", toJson(motion.tip.back())},
-              {"vibrations", motion.vibrations},
+              {"vibrations", vibrations},
               {"out", textOrNull(arguments.out)},
               {"png", textOrNull(arguments.png)}};
   return report;
@@ -156,7 +159,9 @@ int run(const MotionArguments& arguments, const GlobalOptions& global) {
   requireNoInput(arguments.out, arguments.pressures);
   checkPicture(arguments.png, arguments.out);
   if (!arguments.out.empty()) const io::AtomicFile trial(arguments.out);
-  const Motion motion = move(scene, arguments, seriesOf(scene, tableOf(arguments.pressures)));
+  const dynamics::InputSeries series = seriesOf(scene, tableOf(arguments.pressures));
+  const dynamics::ArmMotion arm = armOf(scene, arguments);
+  const Motion motion = move(arm, arguments, series);
   if (interrupted()) return kInterrupted;
   if (!arguments.out.empty()) io::writeFileAtomically(arguments.out, csvOf(scene, motion));
   if (!arguments.png.empty()) draw(scene, motion, arguments.png);
@@ -164,7 +169,8 @@ int run(const MotionArguments& arguments, const GlobalOptions& global) {
     std::cout << csvOf(scene, motion);
     return kDone;
   }
-  const json report = reportOf(scene, arguments, motion);
+  const Eigen::VectorXd last = series.input.row(series.input.rows() - 1);
+  const json report = reportOf(scene, arguments, motion, vibrationsAt(arm, last));
   printResult(global.format, report, report, [&report] {
     return cellsOf(report, {"rows", "duration_s", "real_time_factor", "steps"});
   });

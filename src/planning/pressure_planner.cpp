@@ -91,10 +91,10 @@ Plan PressurePlanner::toTip(const VectorXd& from, const Eigen::Vector3d& tip,
   double nearest = std::numeric_limits<double>::infinity();
   for (const Preference preference :
        {Preference::kMinChange, Preference::kMinPressure, Preference::kCocontraction}) {
+    statics::InverseOptions of_inverse;
+    of_inverse.preference = preference;
+    statics::InverseSolver solver(model_, of_inverse);
     for (const double start : {-1.0, 0.1, 0.5, 0.9}) {  // the first: from where the arm is
-      statics::InverseOptions of_inverse;
-      of_inverse.preference = preference;
-      statics::InverseSolver solver(model_, of_inverse);
       const statics::InverseResult& found =
           solver.toPosition(tip, start < 0 ? from : model_.arm().inputAt(start));
       nearest = std::min(nearest, found.position_error);

@@ -14,6 +14,7 @@
 #include <variant>
 #include <vector>
 
+#include "calibration/series_orientation.hpp"
 #include "curve_in_arm.hpp"
 #include "helix_arm/basics/median.hpp"
 #include "helix_arm/basics/pi.hpp"
@@ -296,10 +297,7 @@ Alignment alignmentOf(const io::Scene& scene, const std::vector<estimation::Capt
     seen_spread += a.squaredNorm();
     expected_spread += b.squaredNorm();
   }
-  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(moments, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  Eigen::Matrix3d signs = Eigen::Matrix3d::Identity();
-  signs(2, 2) = (svd.matrixU() * svd.matrixV().transpose()).determinant();
-  const Eigen::Matrix3d R = svd.matrixU() * signs * svd.matrixV().transpose();
+  const Eigen::Matrix3d R = estimation::nearestRotation(moments);
   return {{R, expected - R * seen}, std::sqrt(seen_spread / expected_spread)};
 }
 

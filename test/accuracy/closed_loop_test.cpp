@@ -11,17 +11,19 @@
 
 #include <gtest/gtest.h>
 
+#include "helix_arm/basics/pi.hpp"
 #include "helix_arm/control/tip_path.hpp"
+#include "helix_arm/dynamics/arm_motion.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/procedures/calibration_job.hpp"
 #include "helix_arm/procedures/captures.hpp"
 #include "helix_arm/procedures/follow_run.hpp"
 #include "helix_arm/procedures/pressure_plan.hpp"
 #include "helix_arm/statics/payload.hpp"
+#include "support/loaded_arm.hpp"
 #include "support/random.hpp"
 #include "support/rig_captures.hpp"
 #include "support/shipped_scene.hpp"
-#include "support/swinging.hpp"
 #include "support/test_size.hpp"
 
 namespace helix_arm {
@@ -34,11 +36,23 @@ using test::demo;
 
 constexpr double kMm = 1e3;
 
-// `simulation.arm.dynamics` with which the demo's true arm swings so.
+// `simulation.arm.dynamics` with which the demo's true arm swings at a frequency [Hz] with a
+// damping ratio, at a third of its pressures.
 std::string swingingAt(double frequency, double damping) {
+  constexpr double kStiffness = 60;  // [N]
   const io::Scene scene = demo();
   const simulation::TrueArm truth(scene.model, scene.simulation.arm);
-  return test::swinging(truth.arm(), frequency, damping);
+  const model::Arm& arm = truth.arm();
+  const statics::Load load = test::evenLoad(arm.sectionCount(), Eigen::Vector3d::Zero(),
+                                            1.0 / arm.sectionCount(), kStiffness);
+  const dynamics::ArmMotion motion(arm, std::nullopt, load, {});
+  const double of_a_kilogram =
+      dynamics::vibrationsOf(motion.linearisedAt(arm.inputAt(1.0 / 3))).front().frequency;
+  const double mass = of_a_kilogram * of_a_kilogram / (frequency * frequency);
+  const std::string time = std::to_string(damping / (basics::kPi * frequency));
+  return "{mass_kg: " + std::to_string(mass) + ", K_eps_n: " + std::to_string(kStiffness) +
+         ", damping_s: {stretch: " + time + ", shear: " + time + ", twist: " + time +
+         ", bend: " + time + "}}";
 }
 
 // Tips that an arm reaches at random pressures.

@@ -2,17 +2,16 @@
 
 #include <cmath>
 #include <cstdio>
+#include <optional>
 #include <string>
 
 #include <gtest/gtest.h>
 
 #include "helix_arm/dynamics/arm_motion.hpp"
-#include "helix_arm/io/data_set.hpp"
-#include "helix_arm/io/fault_list.hpp"
-#include "helix_arm/procedures/response_series.hpp"
 #include "support/loaded_arm.hpp"
 #include "support/random.hpp"
 #include "support/sample_arm.hpp"
+#include "support/silicone_rings.hpp"
 #include "support/test_size.hpp"
 
 namespace helix_arm::estimation {
@@ -92,16 +91,12 @@ TEST(InertiaFit, FindsMassAndDampingOfAnArmThatRings) {
   EXPECT_LT(damping_error, 0.2);
 }
 
-// A silicone segment that is pressurised at once (srl-ethz/diffPD_sim2real, MIT licence), as an arm
-// of one section with masses and stiffness that are guesses: each pressure from the other two.
+// A silicone segment that is pressurised at once, as an arm of one section with masses and
+// stiffness that are guesses: each pressure from the other two.
 TEST(InertiaFit, PredictsHowASiliconeSegmentRingsAtAPressureThatTheFitHasNotSeen) {
-  const std::string path = HELIX_ARM_SOURCE_DIR "/../shared/data/silicone_rings.csv";
-  procedures::ResponseSeries series;
-  try {
-    series = procedures::tipSeriesOf(io::loadDataSet(path), 3);
-  } catch (const io::DocumentError&) {
-    GTEST_SKIP() << "no " << path;
-  }
+  std::optional<procedures::ResponseSeries> recorded = test::siliconeRings();
+  if (!recorded) GTEST_SKIP() << "no " << test::kSiliconeRings;
+  procedures::ResponseSeries& series = *recorded;
   constexpr int kTrials = 3, kRows = 600;
   const model::Arm arm = test::sampleArm();
   Eigen::MatrixXd input = Eigen::MatrixXd::Zero(kTrials * kRows, 3);

@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <cstdio>
+#include <optional>
 #include <string>
 
 #include <gtest/gtest.h>
@@ -13,6 +14,7 @@
 #include "helix_arm/response/mode_fit.hpp"
 #include "support/has.hpp"
 #include "support/random.hpp"
+#include "support/silicone_rings.hpp"
 #include "support/test_size.hpp"
 
 namespace helix_arm::estimation {
@@ -288,15 +290,10 @@ TEST(ModeFit, EveryStepOfThePressureIsARelease) {
   EXPECT_LT(fit.frequency.standard_error, 0.015);
 }
 
-// Releases of a silicone segment (srl-ethz/diffPD_sim2real, MIT licence).
 TEST(ModeFit, ASiliconeSegmentRings) {
-  const std::string path = HELIX_ARM_SOURCE_DIR "/../shared/data/silicone_rings.csv";
-  procedures::ResponseSeries series;
-  try {
-    series = procedures::tipSeriesOf(io::loadDataSet(path), 3);
-  } catch (const io::DocumentError&) {
-    GTEST_SKIP() << "no " << path;
-  }
+  std::optional<procedures::ResponseSeries> found = test::siliconeRings();
+  if (!found) GTEST_SKIP() << "no " << test::kSiliconeRings;
+  const procedures::ResponseSeries& series = *found;
   const ModeFit fit = fitMode(series.history, series.reading);
   ASSERT_EQ(fit.rings.size(), 3u);
   EXPECT_EQ(series.trials[1], "segment-300mbar");

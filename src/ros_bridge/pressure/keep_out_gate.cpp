@@ -32,12 +32,6 @@ std_msgs::ColorRGBA zoneColor(bool used_up) {
   return out;
 }
 
-void setScale(Marker& marker, double x, double y, double z) {
-  marker.scale.x = x;
-  marker.scale.y = y;
-  marker.scale.z = z;
-}
-
 }  // namespace
 
 visualization_msgs::MarkerArray ZoneMarkers::draw(const clearance::KeepOut& keep_out, int nearest,
@@ -56,7 +50,7 @@ void ZoneMarkers::addZone(const clearance::Zone& zone, const lie::SE3& X_BZ,
   const auto place = [&](int type, double x, double y, double z) -> Marker& {
     Marker& marker = add("zones", type, color, id);
     marker.pose = toPoseMsg(X_BZ);
-    setScale(marker, x, y, z);
+    marker.scale = toVectorMsg({x, y, z});
     return marker;
   };
   if (const auto* box = std::get_if<clearance::Box>(&zone.form)) {

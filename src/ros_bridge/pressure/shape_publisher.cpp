@@ -65,10 +65,12 @@ void ShapePublisher::take(const Eigen::VectorXd& measured, const Eigen::VectorXd
   tip.header = header;
   tip.pose = toPoseMsg(solution_.tip);
   tip_publisher_.publish(tip);
-  std::vector<std::string> sections;
-  for (const io::SectionLook& look : scene_.looks) sections.push_back(look.name);
-  joints_publisher_.publish(
-      toJointStates(header, scene_.arm, sections, measured, command, solution_.shape.twists()));
+  if (joints_publisher_.getNumSubscribers() > 0) {
+    std::vector<std::string> sections;
+    for (const io::SectionLook& look : scene_.looks) sections.push_back(look.name);
+    joints_publisher_.publish(
+        toJointStates(header, scene_.arm, sections, measured, command, solution_.shape.twists()));
+  }
   if (readings_ % readings_per_tf_ == 0) curve_frames_.send(solution_.shape, stamp);
 }
 
