@@ -71,7 +71,7 @@ dynamics::ArmMotion armOf(const io::Scene& scene, const MotionArguments& argumen
   return {scene.arm, scene.planar, scene.model.load(), config};
 }
 
-// Those of small motions about the rest at inputs (n), slowest first; null without a rest.
+// Vibrations about the rest at inputs (n), slowest first; null without a rest.
 json vibrationsAt(const dynamics::ArmMotion& arm, const Eigen::VectorXd& input) {
   try {
     return listJson(dynamics::vibrationsOf(arm.linearisedAt(input)),
