@@ -13,13 +13,26 @@ namespace helix_arm::estimation {
 using Included = std::function<bool(int capture)>;
 inline bool everyCapture(int) { return true; }
 
+/// The readings of a capture at values of the parameters, in expected standard deviations.
+struct LinearisedCapture {
+  struct Term {
+    double square;  ///< squared residuals; infinite if the term has none there
+    Eigen::VectorXd residual;
+    Eigen::MatrixXd J;  ///< if derivatives were asked for
+  };
+  enum Known : char { kNothing, kResiduals, kDerivatives } known = kNothing;
+  CaptureState state;
+  std::vector<Term> terms;
+};
+
 /// Evaluates each capture once per values, whatever asks for it: fits at several noise scales,
 /// comparisons and information all start from the same residuals.
 class LinearisedReadings {
  public:
-  /// @param places  (captures) @param terms  grouped by capture, ascending. Keeps references.
+  /// @param places, costs  (captures). Keeps references.
   LinearisedReadings(Shared& shared, ReadingKind kind, const std::vector<Place>& places,
-                     const std::vector<ReadingTerm>& terms);
+                     const std::vector<ReadingCosts>& costs)
+      : shared_(shared), kind_(kind), places_(places), costs_(costs), captures_(places.size()) {}
 
   /// Evaluates the included captures at these values.
   ///
@@ -27,32 +40,18 @@ class LinearisedReadings {
   void update(const Values& values, const Eigen::VectorXd& numbers, const Included& included,
               bool derivatives);
 
-  // Results at the last values, for captures that were included. Residuals are in expected standard
-  // deviations.
-  /// Squared residuals; infinite if the term has none there.
-  double square(std::size_t term) const { return squares_[term]; }
-  // Undefined where the term has none.
-  const Eigen::VectorXd& residual(std::size_t term) const { return residuals_[term]; }
-  const Eigen::MatrixXd& jacobian(std::size_t term) const { return jacobians_[term]; }
-  const CaptureState& state(int capture) const { return states_[capture]; }
+  /// Results at the last values, for a capture that was included.
+  const LinearisedCapture& of(std::size_t capture) const { return captures_[capture]; }
 
  private:
-  enum Known : char { kNothing, kResiduals, kDerivatives };
-
-  void evaluate(int capture, const Values& values, bool derivatives);
+  void evaluate(std::size_t capture, const Values& values, bool derivatives);
 
   Shared& shared_;
   const ReadingKind kind_;
   const std::vector<Place>& places_;
-  const std::vector<ReadingTerm>& terms_;
-  std::vector<std::size_t> first_term_;  // (captures + 1)
+  const std::vector<ReadingCosts>& costs_;
   Eigen::VectorXd at_;
-  std::vector<Known> known_;          // (captures)
-  std::vector<CaptureState> states_;  // (captures)
-  // (terms)
-  std::vector<double> squares_;
-  std::vector<Eigen::VectorXd> residuals_;
-  std::vector<Eigen::MatrixXd> jacobians_;
+  std::vector<LinearisedCapture> captures_;
   Eigen::MatrixXd by_pieces_;  // workspace
 };
 
@@ -64,25 +63,23 @@ class LinearisedReadings {
 /// columns is factored as a whole.
 class CalibrationEquations {
  public:
-  CalibrationEquations(const ParameterBlocks& blocks, const std::vector<ReadingTerm>& terms,
-                       ParameterBlock eliminated);
+  /// @param blocks  of which it keeps a reference.
+  CalibrationEquations(const ParameterBlocks& blocks, ParameterBlock eliminated);
 
   /// Starts anew.
   void clear();
   /// @param offset  of the values from the mean of their prior.
-  void addPrior(std::size_t block, const Eigen::VectorXd& offset);
-  /// @param J  (residuals x columns of the term).
-  void addTerm(const ReadingTerm& term, const Eigen::MatrixXd& J, const Eigen::VectorXd& residual,
+  void addPrior(const ParameterBlocks::Block& block, const Eigen::VectorXd& offset);
+  /// @param J  (residuals x columns of the cost).
+  void addTerm(const ReadingCost& cost, const Eigen::MatrixXd& J, const Eigen::VectorXd& residual,
                double weight);
-  /// A prior of the value along a direction of a block that is not eliminated.
+  /// A prior of the value along a direction of a block.
   ///
   /// @param offset  of that value from its mean.
-  void addDirection(std::size_t block, const Eigen::VectorXd& direction, double deviation,
-                    double offset);
+  void addDirection(const ParameterBlocks::Block& block, const Eigen::VectorXd& direction,
+                    double deviation, double offset);
 
-  /// Diagonal of H.
-  Eigen::VectorXd diagonal() const;
-  Eigen::MatrixXd hessian() const;
+  const Eigen::MatrixXd& hessian() const { return H_; }
   const Eigen::VectorXd& gradient() const { return gradient_; }
 
   /// Factors H + diag(damping). @return false if it is not positive definite.
@@ -98,22 +95,19 @@ class CalibrationEquations {
 
  private:
   using Cholesky = Eigen::LLT<Eigen::MatrixXd>;
-  // A block: H(block, block) and H(block, at), and their factors own + damping = L L', L^-1 cross,
-  // L^-1 g(block).
+  // A block, and its factors own + damping = L L', L^-1 H(block, at), L^-1 g(block).
   struct Eliminated {
     int column, size;
-    std::vector<int> at;  // indices in the rest of the columns that its readings have, too
-    Eigen::MatrixXd own, cross;
-    Cholesky root;
-    Eigen::MatrixXd scaled_cross;
-    Eigen::VectorXd scaled_gradient;
+    std::vector<int> at = {};  // indices in the rest of the columns that its readings have, too
+    Cholesky root = {};
+    Eigen::MatrixXd scaled_cross = {};
+    Eigen::VectorXd scaled_gradient = {};
   };
 
-  const ParameterBlocks& blocks_;
+  const std::vector<ParameterBlocks::Block>& blocks_;
   std::vector<Eliminated> eliminated_;
-  std::vector<int> rest_;    // columns that are not eliminated
-  std::vector<int> places_;  // (blocks) index in the rest, or -1 - index among the eliminated
-  Eigen::MatrixXd H_rest_;   // H(rest, rest)
+  std::vector<int> rest_;  // columns that are not eliminated
+  Eigen::MatrixXd H_;
   Eigen::VectorXd gradient_;
   Eigen::MatrixXd reduced_;
   Eigen::VectorXd reduced_gradient_;

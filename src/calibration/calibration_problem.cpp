@@ -78,19 +78,15 @@ CalibrationProblem::CalibrationProblem(const std::vector<ArmCaptures>& arms,
     }
   }
   if (selection.free_shapes) addShapes();
-  std::size_t place = 0;
   for (const ArmCaptures& arm : arms) {
     for (const Capture& capture : arm.captures) {
-      for (ReadingTerm& term : termsOf(shared_, places_[place], capture.reading, blocks_)) {
-        terms_.push_back(std::move(term));
-      }
-      ++place;
+      costs_.push_back(termsOf(shared_, places_[costs_.size()], capture.reading, blocks_));
     }
   }
-  equations_.emplace(blocks_, terms_,
+  equations_.emplace(blocks_,
                      selection.free_shapes ? ParameterBlock::kShape : ParameterBlock::kTag);
   for (auto* readings : {&here_, &there_}) {
-    *readings = std::make_unique<LinearisedReadings>(shared_, kind_, places_, terms_);
+    *readings = std::make_unique<LinearisedReadings>(shared_, kind_, places_, costs_);
   }
 }
 
@@ -124,9 +120,12 @@ double CalibrationProblem::cost(const Task& task, const LinearisedReadings& read
                                 const Eigen::VectorXd& numbers) const {
   const double inverse2 = 1 / (task.noise_scale * task.noise_scale);
   double sum = 0;
-  for (std::size_t t = 0; t < terms_.size(); ++t) {
-    if (!task.included(terms_[t].cost->place().capture)) continue;
-    sum += terms_[t].loss(inverse2 * readings.square(t));
+  for (std::size_t c = 0; c < costs_.size(); ++c) {
+    if (!task.included(static_cast<int>(c))) continue;
+    const auto& terms = readings.of(c).terms;
+    for (std::size_t t = 0; t < terms.size(); ++t) {
+      sum += costs_[c][t]->loss(inverse2 * terms[t].square);
+    }
   }
   for (const ParameterBlocks::Block& block : blocks_.all()) {
     if (!takesPart(block, task.included)) continue;
@@ -143,19 +142,22 @@ void CalibrationProblem::assemble(const Task& task, const LinearisedReadings& re
                                   const Eigen::VectorXd& numbers) {
   const double inverse2 = 1 / (task.noise_scale * task.noise_scale);
   equations_->clear();
-  for (std::size_t b = 0; b < blocks_.all().size(); ++b) {
-    const ParameterBlocks::Block& block = blocks_.all()[b];
+  for (const ParameterBlocks::Block& block : blocks_.all()) {
     if (!takesPart(block, task.included)) continue;
-    equations_->addPrior(b, numbers.segment(block.column, block.size()) - block.mean);
+    equations_->addPrior(block, numbers.segment(block.column, block.size()) - block.mean);
     if (task.held == nullptr || block.kind != ParameterBlock::kStiffness) continue;
     const Eigen::VectorXd moved = (numbers - start_).segment(block.column, block.size());
-    equations_->addDirection(b, *task.held, kHeldDeviation, task.held->dot(moved));
+    equations_->addDirection(block, *task.held, kHeldDeviation, task.held->dot(moved));
   }
-  for (std::size_t t = 0; t < terms_.size(); ++t) {
-    const double square = inverse2 * readings.square(t);
-    if (!task.included(terms_[t].cost->place().capture) || !std::isfinite(square)) continue;
-    equations_->addTerm(terms_[t], readings.jacobian(t), readings.residual(t),
-                        inverse2 * terms_[t].weight(square));
+  for (std::size_t c = 0; c < costs_.size(); ++c) {
+    if (!task.included(static_cast<int>(c))) continue;
+    const auto& terms = readings.of(c).terms;
+    for (std::size_t t = 0; t < terms.size(); ++t) {
+      const double square = inverse2 * terms[t].square;
+      if (!std::isfinite(square)) continue;
+      const ReadingCost& cost = *costs_[c][t];
+      equations_->addTerm(cost, terms[t].J, terms[t].residual, inverse2 * cost.weight(square));
+    }
   }
 }
 
@@ -168,7 +170,7 @@ Solved CalibrationProblem::solve(double noise_scale, const Included& included,
   if (std::isnan(out.cost)) return out;
   assemble(task, *here_, now);
   out.converged = isFlat(*equations_);
-  const Eigen::ArrayXd unit2 = (1 + equations_->diagonal().array().sqrt()).square();
+  const Eigen::ArrayXd unit2 = (1 + equations_->hessian().diagonal().array().sqrt()).square();
   TrustRegion radius;
   int invalid = 0;
   bool settled = false;  // whether the last step was one, and small
@@ -178,7 +180,7 @@ Solved CalibrationProblem::solve(double noise_scale, const Included& included,
       break;
     }
     settled = false;
-    const Eigen::ArrayXd diagonal = equations_->diagonal().array();
+    const Eigen::ArrayXd diagonal = equations_->hessian().diagonal().array();
     const Eigen::VectorXd damping =
         (diagonal / unit2).max(kLeastDiagonal).min(kMostDiagonal) * unit2 / radius.value();
     const auto [step, expected] = dampedStep(*equations_, damping);
@@ -223,14 +225,15 @@ Solved CalibrationProblem::solve(double noise_scale, const Included& included,
 std::vector<Comparison> CalibrationProblem::compare(double noise_scale, bool errors) {
   const LinearisedReadings& readings = this->readings(everyCapture, false);
   std::vector<Comparison> out;
-  out.reserve(terms_.size());
-  for (std::size_t t = 0; t < terms_.size(); ++t) {
-    const ReadingCost& cost = *terms_[t].cost;
-    const int capture = cost.place().capture;
-    const double square = readings.square(t);
-    out.push_back({capture, cost.tag(), cost.residuals(), square / (noise_scale * noise_scale),
-                   terms_[t].limit,
-                   errors ? cost.shown(readings.state(capture), values(), square) : 0.0});
+  for (std::size_t c = 0; c < costs_.size(); ++c) {
+    const LinearisedCapture& seen = readings.of(c);
+    for (std::size_t t = 0; t < seen.terms.size(); ++t) {
+      const ReadingCost& cost = *costs_[c][t];
+      const double square = seen.terms[t].square;
+      out.push_back({static_cast<int>(c), cost.tag(), cost.residuals(),
+                     square / (noise_scale * noise_scale), cost.limit(),
+                     errors ? cost.shown(seen.state, values(), square) : 0.0});
+    }
   }
   return out;
 }
@@ -247,13 +250,12 @@ Eigen::MatrixXd CalibrationProblem::expectedInformation(const Eigen::VectorXd& p
   const Place place = placeAt(shared_, 0, 0, pressure);
   const CaptureState state = stateAt(shared_, place, kind_, values, true);
   if (!state.shape.found) return Eigen::MatrixXd::Zero(blocks_.columns(), blocks_.columns());
-  const std::vector<ReadingTerm> terms = expectedTerms(shared_, place, state, blocks_);
-  CalibrationEquations expected(blocks_, terms, ParameterBlock::kTag);
+  CalibrationEquations expected(blocks_, ParameterBlock::kTag);
   Eigen::MatrixXd by_pieces, J;
   Eigen::VectorXd residual;
-  for (const ReadingTerm& term : terms) {
-    if (!term.cost->evaluate(state, values, residual, &J, by_pieces)) continue;
-    expected.addTerm(term, J, residual, 1 / (noise_scale * noise_scale));
+  for (const auto& cost : expectedTerms(shared_, place, state, blocks_)) {
+    if (!cost->evaluate(state, values, residual, &J, by_pieces)) continue;
+    expected.addTerm(*cost, J, residual, 1 / (noise_scale * noise_scale));
   }
   return expected.hessian();
 }

@@ -119,8 +119,8 @@ class CalibrationProblem {
   Shared shared_;
   ParameterBlocks blocks_;
   ReadingKind kind_;
-  std::vector<Place> places_;  // (captures)
-  std::vector<ReadingTerm> terms_;
+  std::vector<Place> places_;        // (captures)
+  std::vector<ReadingCosts> costs_;  // (captures)
   std::optional<CalibrationEquations> equations_;
   std::unique_ptr<LinearisedReadings> here_, there_;  // there: after a step
   Eigen::VectorXd start_;                             // of a solution

@@ -23,11 +23,22 @@ std::vector<int> freeEntries(const ArmCaptures& arm) {
   return entries;
 }
 
+// Converts derivatives with respect to mean twists to derivatives with respect to the pieces, whose
+// sums are the mean twists.
+Eigen::MatrixXd overPieces(const Eigen::MatrixXd& by_twists, const model::Shape& shape) {
+  Eigen::MatrixXd out(by_twists.rows(), shape.pieces().size());
+  for (int j = 0; j < shape.pieces().cols(); ++j) {
+    out.middleCols<6>(6 * j) = by_twists.middleCols<6>(6 * (j / shape.piecesPerSection()));
+  }
+  return out;
+}
+
 // |(w_y, w_z)| of the only section.
 class CurvatureCost final : public ReadingCost {
  public:
-  CurvatureCost(const Shared& shared, const Place& place, double measured)
-      : ReadingCost(shared, place, 1, {}), measured_(measured) {}
+  CurvatureCost(const Shared& shared, const Place& place, const ParameterBlocks& blocks,
+                double measured)
+      : ReadingCost(shared, place, 1, blocks), measured_(measured) {}
 
   bool evaluate(const CaptureState& state, const Values&, Eigen::VectorXd& residual,
                 Eigen::MatrixXd* J, Eigen::MatrixXd&) const override {
@@ -54,9 +65,11 @@ class CurvatureCost final : public ReadingCost {
 
 class TwistCost final : public ReadingCost {
  public:
-  TwistCost(const Shared& shared, const Place& place, const TwistReading& reading)
-      : ReadingCost(shared, place, static_cast<int>(reading.twists.size()), {}),
+  TwistCost(const Shared& shared, const Place& place, const ParameterBlocks& blocks,
+            const TwistReading& reading)
+      : ReadingCost(shared, place, static_cast<int>(reading.twists.size()), blocks),
         measured_(reading.twists) {
+    limit_ = std::numeric_limits<double>::infinity();
     const Eigen::LLT<Eigen::MatrixXd> factors(reading.covariance);
     whitening_ = factors.matrixL().solve(
         Eigen::MatrixXd::Identity(reading.covariance.rows(), reading.covariance.cols()));
@@ -92,15 +105,14 @@ class TagCost final : public ReadingCost {
   using ByMotion = Eigen::Matrix<double, Rows::kCount, 6>;
 
  public:
-  TagCost(const Shared& shared, const Place& place, const Model& model,
-          typename Model::Observation seen, bool takes_tag)
-      : ReadingCost(shared, place, model.residuals(seen), rigOf(takes_tag)),
+  TagCost(const Shared& shared, const Place& place, const ParameterBlocks& blocks,
+          const Model& model, typename Model::Observation seen)
+      : ReadingCost(shared, place, model.residuals(seen), blocks,
+                    rigOf(seen.tag != shared.held_tag), seen.tag),
         model_(model),
         seen_(std::move(seen)) {
     rest_length_ = shared.arms[place.arm].arm.restLength(placement().section);
   }
-
-  int tag() const override { return seen_.tag; }
 
   bool evaluate(const CaptureState& state, const Values& values, Eigen::VectorXd& residual,
                 Eigen::MatrixXd* J, Eigen::MatrixXd& by_pieces) const override {
@@ -117,17 +129,17 @@ class TagCost final : public ReadingCost {
     const int own = pose.place.piece;
     PointJacobian(state.starts[own], pieces.col(own), pose.place.s).fill(rows, 6 * own, by_pieces);
     passOn(by_pieces, state.shape, out);
-    if (columns_.base >= 0) {
+    if (const int base = columnOf(ParameterBlock::kBase); base >= 0) {
       ByMotion moved;
       state.base.front().fill(rows, 0, moved);
-      out.middleCols<6>(columns_.base) = moved.topRows(m);
+      out.middleCols<6>(base) = moved.topRows(m);
     }
     if constexpr (Model::kBorderShifts) {
-      if (columns_.border_shift >= 0) out.col(columns_.border_shift) = rows.by_border_shift;
+      const int shift = columnOf(ParameterBlock::kBorderShift);
+      if (shift >= 0) out.col(shift) = rows.by_border_shift;
     }
-    if (columns_.tag >= 0) {
-      out.middleCols<6>(columns_.tag) =
-          byPlacement(values, state.shape.shape, pose, rows).topRows(m);
+    if (const int tag = columnOf(ParameterBlock::kTag); tag >= 0) {
+      out.middleCols<6>(tag) = byPlacement(values, state.shape.shape, pose, rows).topRows(m);
     }
     return true;
   }
@@ -163,8 +175,9 @@ class TagCost final : public ReadingCost {
   const TagPlacement& placement() const { return shared_.arms[place_.arm].layout.tags[seen_.tag]; }
 
   Pose poseAt(const CaptureState& state, const Values& values) const {
-    const TagPlacement tag =
-        columns_.tag < 0 ? placement() : movedBy(placement(), values.tags[seen_.tag], rest_length_);
+    const TagPlacement tag = columnOf(ParameterBlock::kTag) < 0
+                                 ? placement()
+                                 : movedBy(placement(), values.tags[seen_.tag], rest_length_);
     const model::Shape& shape = state.shape.shape;
     Pose pose;
     pose.s = tag.s;
@@ -202,17 +215,6 @@ class TagCost final : public ReadingCost {
   const typename Model::Observation seen_;
   double rest_length_;  // of the section [m]
 };
-
-std::vector<int> blocksOf(const ReadingCost& cost, const ParameterBlocks& blocks) {
-  std::vector<int> indices;
-  for (const ParameterBlock kind : cost.kinds()) {
-    int of = 0;
-    if (kind == ParameterBlock::kTag) of = cost.tag();
-    if (kind == ParameterBlock::kShape) of = cost.place().capture;
-    indices.push_back(blocks.indexOf(kind, of));
-  }
-  return indices;
-}
 
 }  // namespace
 
@@ -281,31 +283,68 @@ LinearisedShape shapeAt(Shared& shared, const Place& place, const Values& values
   return shape;
 }
 
-double ReadingTerm::loss(double square) const {
-  return isRobust() ? limit * std::log1p(square / limit) : square;
+ReadingCost::ReadingCost(const Shared& shared, const Place& place, int residuals,
+                         const ParameterBlocks& blocks, const std::set<ParameterBlock>& rig,
+                         int tag)
+    : shared_(shared),
+      place_(place),
+      limit_(std::pow(shared.options.robust_scale * std::sqrt(residuals), 2)),
+      residuals_(residuals),
+      tag_(tag) {
+  for (int i = 0; i < kParameterBlockCount; ++i) {
+    const auto kind = static_cast<ParameterBlock>(i);
+    const bool of_rig = kind == ParameterBlock::kBase || kind == ParameterBlock::kBorderShift ||
+                        kind == ParameterBlock::kTag;
+    first_[static_cast<std::size_t>(i)] = -1;
+    if (!shared.selection.has(kind) || (of_rig && rig.count(kind) == 0)) continue;
+    const int of = kind == ParameterBlock::kTag     ? tag
+                   : kind == ParameterBlock::kShape ? place.capture
+                                                    : 0;
+    first_[static_cast<std::size_t>(i)] = columns_;
+    blocks_.push_back(blocks.indexOf(kind, of));
+    columns_ += blocks.all()[static_cast<std::size_t>(blocks_.back())].size();
+  }
 }
 
-std::vector<ReadingTerm> termsOf(const Shared& shared, const Place& place, const Reading& reading,
-                                 const ParameterBlocks& blocks) {
-  const ArmCaptures& data = shared.arms[place.arm];
-  std::vector<ReadingTerm> terms;
-  const auto add = [&](std::unique_ptr<ReadingCost> cost) {
-    const double scale = shared.options.robust_scale * std::sqrt(cost->residuals());
-    std::vector<int> own = blocksOf(*cost, blocks);
-    terms.push_back({std::move(cost), std::move(own), scale * scale});
+void ReadingCost::passOn(const Eigen::MatrixXd& by_pieces, const LinearisedShape& shape,
+                         Eigen::MatrixXd& J) const {
+  J.resize(residuals_, columns_);
+  const auto block = [&](ParameterBlock kind, const Eigen::MatrixXd& derivatives) {
+    if (columnOf(kind) < 0) return;
+    J.middleCols(columnOf(kind), derivatives.cols()).noalias() =
+        by_pieces.topRows(residuals_).lazyProduct(derivatives);
   };
+  block(ParameterBlock::kStiffness, shape.by_stiffness);
+  block(ParameterBlock::kLengthScale, shape.by_scale);
+  block(ParameterBlock::kStrokeScale, shape.by_stroke);
+  block(ParameterBlock::kCurve, shape.by_curve);
+  if (columnOf(ParameterBlock::kShape) < 0) return;
+  // Each piece takes an equal part of a mean twist.
+  const int per_section = shape.shape.piecesPerSection();
+  for (std::size_t i = 0; i < place_.entries.size(); ++i) {
+    auto out = J.col(columnOf(ParameterBlock::kShape) + static_cast<int>(i));
+    out.setZero();
+    const int first = place_.entries[i] / 6 * per_section;
+    for (int j = first; j < first + per_section; ++j) {
+      out += by_pieces.col(6 * j + place_.entries[i] % 6).head(residuals_) / per_section;
+    }
+  }
+}
+
+ReadingCosts termsOf(const Shared& shared, const Place& place, const Reading& reading,
+                     const ParameterBlocks& blocks) {
+  const ArmCaptures& data = shared.arms[place.arm];
+  ReadingCosts terms;
   const auto addTags = [&](const auto& model, const auto& observations) {
-    using Model = std::decay_t<decltype(model)>;
+    using Cost = TagCost<std::decay_t<decltype(model)>>;
     for (const auto& seen : observations) {
-      const bool free = seen.tag != shared.held_tag;
-      add(std::make_unique<TagCost<Model>>(shared, place, model, seen, free));
+      terms.push_back(std::make_unique<Cost>(shared, place, blocks, model, seen));
     }
   };
   if (const auto* curvature = std::get_if<CurvatureReading>(&reading)) {
-    add(std::make_unique<CurvatureCost>(shared, place, curvature->curvature));
+    terms.push_back(std::make_unique<CurvatureCost>(shared, place, blocks, curvature->curvature));
   } else if (const auto* twists = std::get_if<TwistReading>(&reading)) {
-    add(std::make_unique<TwistCost>(shared, place, *twists));
-    terms.back().limit = std::numeric_limits<double>::infinity();
+    terms.push_back(std::make_unique<TwistCost>(shared, place, blocks, *twists));
   } else if (const auto* poses = std::get_if<std::vector<PoseObservation>>(&reading)) {
     addTags(PoseModel{shared.expected, data.layout}, *poses);
   } else {
@@ -339,29 +378,22 @@ CaptureState stateAt(Shared& shared, const Place& place, ReadingKind kind, const
   return state;
 }
 
-std::vector<ReadingTerm> expectedTerms(const Shared& shared, const Place& place,
-                                       const CaptureState& state, const ParameterBlocks& blocks) {
+ReadingCosts expectedTerms(const Shared& shared, const Place& place, const CaptureState& state,
+                           const ParameterBlocks& blocks) {
   const ArmCaptures& arm = shared.arms[place.arm];
-  std::vector<ReadingTerm> terms;
-  std::vector<bool> seen(arm.layout.tags.size(), false);
+  ReadingCosts terms;
+  std::set<int> seen;
   const auto add = [&](const Reading& reading) {
-    for (ReadingTerm& term : termsOf(shared, place, reading, blocks)) {
-      if (const auto* tag = dynamic_cast<const TagCost<CornerModel>*>(term.cost.get())) {
-        if (!tag->faces(state, blocks.values())) continue;
-      }
-      terms.push_back(std::move(term));
+    for (auto& term : termsOf(shared, place, reading, blocks)) {
+      const auto* const tag = dynamic_cast<const TagCost<CornerModel>*>(term.get());
+      if (tag == nullptr || tag->faces(state, blocks.values())) terms.push_back(std::move(term));
     }
   };
-  const auto addNew = [&](const auto& observations) {
-    auto fresh = observations;
-    fresh.erase(std::remove_if(fresh.begin(), fresh.end(),
-                               [&seen](const auto& one) {
-                                 const bool known = seen[one.tag];
-                                 seen[one.tag] = true;
-                                 return known;
-                               }),
-                fresh.end());
-    add(fresh);
+  const auto addNew = [&](auto observations) {
+    const auto isKnown = [&seen](const auto& one) { return !seen.insert(one.tag).second; };
+    observations.erase(std::remove_if(observations.begin(), observations.end(), isKnown),
+                       observations.end());
+    add(observations);
   };
   for (const Capture& capture : arm.captures) {
     if (const auto* poses = std::get_if<std::vector<PoseObservation>>(&capture.reading)) {

@@ -1,8 +1,9 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <cmath>
-#include <limits>
+#include <cstddef>
 #include <memory>
 #include <set>
 #include <vector>
@@ -87,49 +88,33 @@ struct CaptureState {
   std::vector<PointJacobian> base, whole;
 };
 
-// Columns of a term: where the derivatives with respect to each parameter block begin, or -1.
-struct TermColumns {
-  int stiffness = -1, scale = -1, stroke = -1, curve = -1, shape = -1, base = -1, border_shift = -1,
-      tag = -1;
-  int count = 0;
-};
-
+// One reading as a term of the least-squares problem.
 class ReadingCost {
  public:
   // @param place  must outlive the cost.
   // @param rig  the blocks that the cost depends on, besides those of the shape.
+  // @param tag  index in the layout; -1 if it is not of a tag.
   ReadingCost(const Shared& shared, const Place& place, int residuals,
-              const std::set<ParameterBlock>& rig)
-      : shared_(shared), place_(place), residuals_(residuals) {
-    const auto take = [this](ParameterBlock kind, int size, int& first) {
-      if (!shared_.selection.has(kind)) return;
-      first = columns_.count;
-      columns_.count += size;
-      kinds_.push_back(kind);
-    };
-    const auto takeOfRig = [&](ParameterBlock kind, int size, int& first) {
-      if (rig.count(kind) > 0) take(kind, size, first);
-    };
-    take(ParameterBlock::kStiffness, static_cast<int>(shared.selection.stiffness.size()),
-         columns_.stiffness);
-    take(ParameterBlock::kLengthScale, shared.scales(), columns_.scale);
-    take(ParameterBlock::kStrokeScale, static_cast<int>(place_.lengths.size()), columns_.stroke);
-    take(ParameterBlock::kCurve, static_cast<int>(place_.by_curve.cols()), columns_.curve);
-    take(ParameterBlock::kShape, static_cast<int>(place_.entries.size()), columns_.shape);
-    takeOfRig(ParameterBlock::kBase, 6, columns_.base);
-    takeOfRig(ParameterBlock::kBorderShift, 1, columns_.border_shift);
-    takeOfRig(ParameterBlock::kTag, 6, columns_.tag);
-  }
+              const ParameterBlocks& blocks, const std::set<ParameterBlock>& rig = {},
+              int tag = -1);
   virtual ~ReadingCost() = default;
   ReadingCost(const ReadingCost&) = delete;
   ReadingCost& operator=(const ReadingCost&) = delete;
 
-  // Its parameter blocks in the order of its columns.
-  const std::vector<ParameterBlock>& kinds() const { return kinds_; }
-  const Place& place() const { return place_; }
+  // Indices of its parameter blocks, in the order of its columns.
+  const std::vector<int>& blocks() const { return blocks_; }
   int residuals() const { return residuals_; }
-  int columns() const { return columns_.count; }
-  virtual int tag() const { return -1; }
+  int tag() const { return tag_; }
+
+  // Squared residuals beyond which the reading is an outlier; infinite for twists, whose covariance
+  // is given.
+  double limit() const { return limit_; }
+  // Part of the robust sum of squares (Cauchy) that a square contributes.
+  double loss(double square) const {
+    return std::isfinite(limit_) ? limit_ * std::log1p(square / limit_) : square;
+  }
+  // Weight of a square from the robust loss, its derivative, in (0, 1].
+  double weight(double square) const { return 1 / (1 + square / limit_); }
 
   // False if it has no residuals there.
   // @param J  (residuals x columns); null: without derivatives, which the state then lacks, too.
@@ -140,73 +125,30 @@ class ReadingCost {
   virtual double shown(const CaptureState& state, const Values& values, double square) const = 0;
 
  protected:
-  // Converts derivatives with respect to mean twists to derivatives with respect to the pieces,
-  // whose sums are the mean twists.
-  static Eigen::MatrixXd overPieces(const Eigen::MatrixXd& by_twists, const model::Shape& shape) {
-    Eigen::MatrixXd out(by_twists.rows(), shape.pieces().size());
-    for (int j = 0; j < shape.pieces().cols(); ++j) {
-      out.middleCols<6>(6 * j) = by_twists.middleCols<6>(6 * (j / shape.piecesPerSection()));
-    }
-    return out;
-  }
-
+  // First column of the derivatives by a block; -1 without one.
+  int columnOf(ParameterBlock kind) const { return first_[static_cast<std::size_t>(kind)]; }
   // Converts derivatives with respect to the pieces' twists to derivatives with respect to the
   // parameter blocks. Uses as many rows as there are residuals.
   void passOn(const Eigen::MatrixXd& by_pieces, const LinearisedShape& shape,
-              Eigen::MatrixXd& J) const {
-    J.resize(residuals_, columns_.count);
-    const auto block = [&](int first, const Eigen::MatrixXd& derivatives) {
-      if (first < 0) return;
-      J.middleCols(first, derivatives.cols()).noalias() =
-          by_pieces.topRows(residuals_).lazyProduct(derivatives);
-    };
-    block(columns_.stiffness, shape.by_stiffness);
-    block(columns_.scale, shape.by_scale);
-    block(columns_.stroke, shape.by_stroke);
-    block(columns_.curve, shape.by_curve);
-    if (columns_.shape < 0) return;
-    // Each piece takes an equal part of a mean twist.
-    const int per_section = shape.shape.piecesPerSection();
-    for (std::size_t i = 0; i < place_.entries.size(); ++i) {
-      auto out = J.col(columns_.shape + static_cast<int>(i));
-      out.setZero();
-      const int first = place_.entries[i] / 6 * per_section;
-      for (int j = first; j < first + per_section; ++j) {
-        out += by_pieces.col(6 * j + place_.entries[i] % 6).head(residuals_) / per_section;
-      }
-    }
-  }
+              Eigen::MatrixXd& J) const;
 
   const Shared& shared_;
   const Place& place_;
-  TermColumns columns_;
+  double limit_;
 
  private:
-  const int residuals_;
-  std::vector<ParameterBlock> kinds_;
+  const int residuals_, tag_;
+  std::vector<int> blocks_;
+  std::array<int, kParameterBlockCount> first_;
+  int columns_ = 0;
 };
-
-// Readings of captures as terms of the least-squares problem.
-
-struct ReadingTerm {
-  std::unique_ptr<ReadingCost> cost;
-  std::vector<int> blocks;  ///< indices of its parameter blocks, in the order of its columns
-  /// Squared residuals beyond which the reading is an outlier; infinite for twists, whose
-  /// covariance is given.
-  double limit = std::numeric_limits<double>::infinity();
-
-  bool isRobust() const { return limit < std::numeric_limits<double>::infinity(); }
-  /// Part of the robust sum of squares (Cauchy) that a square contributes.
-  double loss(double square) const;
-  /// Weight of a square from the robust loss, its derivative, in (0, 1].
-  double weight(double square) const { return 1 / (1 + square / limit); }
-};
+using ReadingCosts = std::vector<std::unique_ptr<ReadingCost>>;
 
 /// The terms of one reading.
 ///
 /// @param place  must outlive them.
-std::vector<ReadingTerm> termsOf(const Shared& shared, const Place& place, const Reading& reading,
-                                 const ParameterBlocks& blocks);
+ReadingCosts termsOf(const Shared& shared, const Place& place, const Reading& reading,
+                     const ParameterBlocks& blocks);
 
 /// State that the readings of a capture share at these values.
 ///
@@ -218,7 +160,7 @@ CaptureState stateAt(Shared& shared, const Place& place, ReadingKind kind, const
 /// each tag once, if it faces the camera.
 ///
 /// @param place  must outlive them. @param state  there, at the current values.
-std::vector<ReadingTerm> expectedTerms(const Shared& shared, const Place& place,
-                                       const CaptureState& state, const ParameterBlocks& blocks);
+ReadingCosts expectedTerms(const Shared& shared, const Place& place, const CaptureState& state,
+                           const ParameterBlocks& blocks);
 
 }  // namespace helix_arm::estimation

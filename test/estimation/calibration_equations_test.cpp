@@ -34,7 +34,6 @@ TEST(CalibrationEquations, EliminationGivesWhatTheWholeMatrixDoes) {
     CalibrationProblem problem(data, options, selectionOf(options));
     CalibrationEquations& equations = problem.equations(1.0);
     const Eigen::MatrixXd H = equations.hessian();
-    EXPECT_EQ(equations.diagonal(), H.diagonal());
     const Eigen::VectorXd damping = 1e-3 * H.diagonal();
     ASSERT_TRUE(equations.factor(damping));
     const Eigen::MatrixXd inverse = (H + Eigen::MatrixXd(damping.asDiagonal()))

@@ -103,6 +103,7 @@ enum class ParameterBlock {
   kCurve,  ///< numbers of a FreeCurve, of unit variance by its free lengths; not of a request
   kShape,  ///< twists of one capture; not a parameter of a request
 };
+constexpr int kParameterBlockCount = static_cast<int>(ParameterBlock::kShape) + 1;  ///< how many
 
 /// Factors on the free lengths of the actuators, the most common error of contraction curves.
 enum class LengthScaling {
