@@ -188,12 +188,12 @@ std::vector<std::string> warningsOf(const std::vector<ArmCaptures>& arms, const 
   std::vector<std::string> warnings;
   const std::size_t pressures = groups.pressure.size();
   if (pressures < kFewestPressures && fit.covariance.size() > 0) {
-    warnings.push_back(text("there are captures at only ", pressures,
-                            " pressures: standard errors reflect the noise alone"));
+    warnings.push_back(messageOf("there are captures at only ", pressures,
+                                 " pressures: standard errors reflect the noise alone"));
   }
   for (const Parameter& one : fit.held) {
-    warnings.push_back(text("the captures do not determine ", one.name, ": it stays at ",
-                            one.initial, one.unit.empty() ? "" : " ", one.unit));
+    warnings.push_back(messageOf("the captures do not determine ", one.name, ": it stays at ",
+                                 one.initial, one.unit.empty() ? "" : " ", one.unit));
   }
   std::string outliers, idle;
   for (const CaptureResidual& one : captures) {
@@ -214,9 +214,9 @@ std::vector<std::string> warningsOf(const std::vector<ArmCaptures>& arms, const 
                        "; capture at the suggested pressures instead");
   }
   if (fit.noise_scale > kNoisy) {
-    warnings.push_back(text("residuals are ", std::round(10 * fit.noise_scale) / 10,
-                            " times as large as the noise: a parameter that is not fitted is "
-                            "wrong; standard errors are scaled accordingly"));
+    warnings.push_back(messageOf("residuals are ", std::round(10 * fit.noise_scale) / 10,
+                                 " times as large as the noise: a parameter that is not fitted is "
+                                 "wrong; standard errors are scaled accordingly"));
   }
   return warnings;
 }
@@ -228,10 +228,11 @@ std::optional<Verdict> unexplained(const std::vector<Comparison>& comparisons,
       std::count_if(comparisons.begin(), comparisons.end(),
                     [&](const Comparison& one) { return isOutlier(one, robust_scale); });
   if (outliers * 2 <= static_cast<std::ptrdiff_t>(comparisons.size())) return std::nullopt;
-  return Verdict{CalibrationStatus::kUnexplained,
-                 text(outliers, " of ", comparisons.size(),
-                      " readings fit no values of the parameters; check the poses of camera and "
-                      "tags in the scene, and that the captures are of this arm")};
+  return Verdict{
+      CalibrationStatus::kUnexplained,
+      messageOf(outliers, " of ", comparisons.size(),
+                " readings fit no values of the parameters; check the poses of camera and "
+                "tags in the scene, and that the captures are of this arm")};
 }
 
 std::optional<Verdict> unidentified(const std::vector<Parameter>& parameters) {
@@ -290,27 +291,6 @@ ArmCaptures ArmCaptures::under(const std::optional<statics::PointLoad>& payload)
   return out;
 }
 
-void CalibrationOptions::validate() const {
-  constexpr char kCulprit[] = "calibration";
-  basics::requirePositive(kCulprit, {{"the curvature noise", curvature_noise},
-                                     {"the corner noise", corner_noise},
-                                     {"the position noise", position_noise}});
-  basics::requireNotNegative(kCulprit, {{"the rotation noise", rotation_noise},
-                                        {"the floor of the corners' noise", corner_floor}});
-  basics::requirePositive(kCulprit, "the robust scale", robust_scale);
-  for (const FitParameterInfo& info : fitParameters()) {
-    for (const FitNumber& number : info.numbers) {
-      basics::requirePositive(kCulprit, number.prior.what, number.prior.deviation(*this));
-    }
-  }
-  basics::requirePositive(kCulprit, {{"the model's prior of translation", model_prior.translation},
-                                     {"the model's prior of rotation", model_prior.rotation}});
-  basics::requireValue(next_pressures >= 0 && next_pressures <= 100, kCulprit,
-                       "the number of next pressures", next_pressures, "0 to 100");
-  basics::requireValue(max_iterations >= 1, kCulprit, "the number of iterations", max_iterations,
-                       "at least 1");
-}
-
 const char* nameOf(CalibrationStatus status) {
   static constexpr std::array<const char*, 8> kNames = {
       "calibrated",     "no_captures",      "one_pressure", "bad_data",
@@ -319,7 +299,6 @@ const char* nameOf(CalibrationStatus status) {
 }
 
 Calibration calibrate(const std::vector<ArmCaptures>& arms, const CalibrationOptions& options) {
-  options.validate();
   Calibration out;
   const std::vector<ArmCaptures> read = withReadings(arms);
   if (const auto verdict = unsound(read)) return refused(std::move(out), *verdict);

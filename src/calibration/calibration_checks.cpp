@@ -21,22 +21,23 @@ bool same(const Eigen::VectorXd& a, const Eigen::VectorXd& b) {
 std::optional<std::string> faultOf(const Reading& reading, const ArmCaptures& arm) {
   const auto tagFault = [&arm](int tag) -> std::optional<std::string> {
     if (tag >= 0 && tag < static_cast<int>(arm.layout.tags.size())) return std::nullopt;
-    return text("it has a tag of index ", tag, ", but the arm has ", arm.layout.tags.size());
+    return messageOf("it has a tag of index ", tag, ", but the arm has ", arm.layout.tags.size());
   };
   if (const auto* curvature = std::get_if<CurvatureReading>(&reading)) {
     if (arm.arm.sectionCount() != 1) {
-      return text("a curvature applies to arms of one section, but the arm has ",
-                  arm.arm.sectionCount());
+      return messageOf("a curvature applies to arms of one section, but the arm has ",
+                       arm.arm.sectionCount());
     }
     if (!(std::isfinite(curvature->curvature) && curvature->curvature >= 0)) {
-      return text("its curvature is ", curvature->curvature, " rad; expected a finite value >= 0");
+      return messageOf("its curvature is ", curvature->curvature,
+                       " rad; expected a finite value >= 0");
     }
   } else if (const auto* twists = std::get_if<TwistReading>(&reading)) {
     const int entries = 6 * arm.arm.sectionCount();
     if (twists->twists.size() != entries || twists->covariance.rows() != entries ||
         twists->covariance.cols() != entries) {
-      return text("its twists or their covariance are not those of ", arm.arm.sectionCount(),
-                  " sections");
+      return messageOf("its twists or their covariance are not those of ", arm.arm.sectionCount(),
+                       " sections");
     }
     if (!twists->twists.allFinite() || !twists->covariance.allFinite() ||
         Eigen::LLT<Eigen::MatrixXd>(twists->covariance).info() != Eigen::Success) {
@@ -46,18 +47,18 @@ std::optional<std::string> faultOf(const Reading& reading, const ArmCaptures& ar
     for (const PoseObservation& seen : *poses) {
       if (auto fault = tagFault(seen.tag)) return fault;
       if (!seen.X_BT.translation.allFinite() || !seen.X_BT.rotation.allFinite()) {
-        return text("the pose of tag ", arm.layout.tags[seen.tag].id, " is not finite");
+        return messageOf("the pose of tag ", arm.layout.tags[seen.tag].id, " is not finite");
       }
     }
   } else {
     for (const CornerObservation& seen : std::get<std::vector<CornerObservation>>(reading)) {
       if (auto fault = tagFault(seen.tag)) return fault;
       if (!seen.direction.allFinite()) {
-        return text("a corner of tag ", arm.layout.tags[seen.tag].id, " is not finite");
+        return messageOf("a corner of tag ", arm.layout.tags[seen.tag].id, " is not finite");
       }
     }
     const double focal = arm.camera.focal();
-    if (!(focal > 0)) return text("the focal length is ", focal, " px; expected > 0");
+    if (!(focal > 0)) return messageOf("the focal length is ", focal, " px; expected > 0");
   }
   return std::nullopt;
 }
@@ -65,20 +66,20 @@ std::optional<std::string> faultOf(const Reading& reading, const ArmCaptures& ar
 // @param first  capture whose kind of reading all others share.
 std::optional<std::string> faultOf(const Capture& capture, const ArmCaptures& arm,
                                    const Capture& first) {
-  const std::string who = text(arm.name, ", capture ", capture.number, ": ");
+  const std::string who = messageOf(arm.name, ", capture ", capture.number, ": ");
   if (capture.pressure.size() != arm.arm.actuatorCount()) {
-    return text(who, "has ", capture.pressure.size(), " pressures, but the arm has ",
-                arm.arm.actuatorCount(), " actuators; is it of another arm?");
+    return messageOf(who, "has ", capture.pressure.size(), " pressures, but the arm has ",
+                     arm.arm.actuatorCount(), " actuators; is it of another arm?");
   }
   for (int i = 0; i < capture.pressure.size(); ++i) {
     const model::Actuator& actuator = arm.arm.actuator(i);
     if (!model::isPressure(actuator.drive)) {
-      return text(arm.name, ": ", actuator.name, " is a tendon; expected pressures alone");
+      return messageOf(arm.name, ": ", actuator.name, " is a tendon; expected pressures alone");
     }
     if (actuator.limits.contains(capture.pressure[i])) continue;
-    return text(who, "the pressure of ", actuator.name, " is ", capture.pressure[i] / 1e3,
-                " kPa; expected its limits, ", actuator.limits.lower / 1e3, " to ",
-                actuator.limits.upper / 1e3);
+    return messageOf(who, "the pressure of ", actuator.name, " is ", capture.pressure[i] / 1e3,
+                     " kPa; expected its limits, ", actuator.limits.lower / 1e3, " to ",
+                     actuator.limits.upper / 1e3);
   }
   if (const auto fault = faultOf(capture.reading, arm)) return who + *fault;
   if (kindOf(first.reading) == kindOf(capture.reading)) return std::nullopt;
@@ -99,10 +100,10 @@ std::optional<std::string> unbalanced(const std::vector<ArmCaptures>& arms) {
       const Eigen::VectorXd lengths = arms[a].arm.lengths(capture.pressure);
       const std::size_t state = capture.payload ? next_state++ : a;
       if (model.at(static_cast<int>(state), lengths, nullptr).found) continue;
-      return text(arms[a].name, ", capture ", capture.number, ": at ",
-                  pressureText(capture.pressure),
-                  " the model finds no shape that balances the load; check the scene's load and "
-                  "K_eps");
+      return messageOf(
+          arms[a].name, ", capture ", capture.number, ": at ", pressureText(capture.pressure),
+          " the model finds no shape that balances the load; check the scene's load and "
+          "K_eps");
     }
   }
   return std::nullopt;
@@ -122,8 +123,8 @@ std::optional<std::string> inMillimetres(const std::vector<ArmCaptures>& arms) {
     }
     const double length = arm.arm.restLength();
     if (!std::isfinite(least) || least < kFarthest * length) continue;
-    return text(arm.name, ": every tag is ", least, " m or more from the base of an arm of ",
-                length, " m; expected positions in metres, and these seem to be millimetres");
+    return messageOf(arm.name, ": every tag is ", least, " m or more from the base of an arm of ",
+                     length, " m; expected positions in metres, and these seem to be millimetres");
   }
   return std::nullopt;
 }
@@ -160,10 +161,10 @@ std::optional<std::string> unmet(const std::vector<ArmCaptures>& arms,
       std::any_of(arms.begin(), arms.end(), [](const ArmCaptures& arm) { return arm.isLoaded(); });
   for (const FitParameterInfo& info : fitParameters()) {
     if (info.need != FitNeed::kLoad || !isFitted(info, options) || loaded) continue;
-    return text(info.word,
-                " has an effect only under load; give the scene its `load`, with a tier that "
-                "takes it into account, or do not fit ",
-                info.word);
+    return messageOf(info.word,
+                     " has an effect only under load; give the scene its `load`, with a tier that "
+                     "takes it into account, or do not fit ",
+                     info.word);
   }
   if (!anyFitted(options, [](const FitParameterInfo&) { return true; })) {
     return "no parameter to fit was named; name at least one";
@@ -175,7 +176,7 @@ std::optional<std::string> unmet(const std::vector<ArmCaptures>& arms,
   }
   for (const FitParameterInfo& info : fitParameters()) {
     if (info.need != FitNeed::kCorners || !isFitted(info, options)) continue;
-    if (!isMet(info.need, kind)) return text(info.word, " needs captures of tag corners");
+    if (!isMet(info.need, kind)) return messageOf(info.word, " needs captures of tag corners");
   }
   // White bleeds into black alike.
   if ((options.base || options.tags) && arms.size() > 1) {
@@ -188,19 +189,20 @@ std::optional<std::string> unmet(const std::vector<ArmCaptures>& arms,
 // Why an arm cannot share K_eps with the first one.
 std::optional<std::string> unlikeEps(const ArmCaptures& arm, const ArmCaptures& first) {
   if (!arm.load) {
-    return text(arm.name, ": K_eps is fitted, but unknown; give arm.stiffness.K_eps_n");
+    return messageOf(arm.name, ": K_eps is fitted, but unknown; give arm.stiffness.K_eps_n");
   }
   if (!arm.load->tables.empty()) {
-    return text(arm.name,
-                ": K_eps depends on pressure; the fit is of one number: give K_eps_n one, or do "
-                "not fit K_eps");
+    return messageOf(
+        arm.name,
+        ": K_eps depends on pressure; the fit is of one number: give K_eps_n one, or do "
+        "not fit K_eps");
   }
   for (std::size_t k = 0; k < arm.load->K_eps.size(); ++k) {
     const double one = first.load->K_eps.front(), other = arm.load->K_eps[k];
     if (other == one) continue;
-    return text(arm.name, ": K_eps of section ", k + 1, " is ", other, " N, but ", one,
-                " N of the first section of ", first.name,
-                "; one K_eps is fitted for all: give them the same one first");
+    return messageOf(arm.name, ": K_eps of section ", k + 1, " is ", other, " N, but ", one,
+                     " N of the first section of ", first.name,
+                     "; one K_eps is fitted for all: give them the same one first");
   }
   return std::nullopt;
 }
@@ -214,8 +216,8 @@ std::string inBar(const ArmCaptures& arm) {
     limit = std::max(limit, arm.arm.actuator(i).limits.upper);
   }
   if (most <= 0 || kPascalsOfBar * most > limit) return "";
-  return text("; the highest is ", most / 1e3, " kPa, and ", kPascalsOfBar * most / 1e3,
-              " kPa if the pressures are in bar: expected kilopascals");
+  return messageOf("; the highest is ", most / 1e3, " kPa, and ", kPascalsOfBar * most / 1e3,
+                   " kPa if the pressures are in bar: expected kilopascals");
 }
 
 // Why arms that are fitted together cannot share the fitted parameters.
@@ -226,26 +228,26 @@ std::optional<std::string> unlike(const std::vector<ArmCaptures>& arms,
   });
   const bool each =
       options.length_scale == LengthScaling::kEach ||
-      anyFitted(options, [](const FitParameterInfo& info) { return info.each_actuator; });
+      anyFitted(options, [](const FitParameterInfo& info) { return info.eachActuator(); });
   const model::Stiffness& first = arms.front().arm.actuator(0).stiffness;
   for (const ArmCaptures& arm : arms) {
     if (each && arm.arm.actuatorCount() != arms.front().arm.actuatorCount()) {
-      return text(arm.name, " has ", arm.arm.actuatorCount(), " actuators, ", arms.front().name,
-                  " ", arms.front().arm.actuatorCount(),
-                  "; a scale per actuator needs the same number on every arm, a common "
-                  "scale does not");
+      return messageOf(arm.name, " has ", arm.arm.actuatorCount(), " actuators, ",
+                       arms.front().name, " ", arms.front().arm.actuatorCount(),
+                       "; a scale per actuator needs the same number on every arm, a common "
+                       "scale does not");
     }
     if (options.contraction && arm.arm.hasTables()) {
-      return text(arm.name,
-                  ": K_kappa depends on pressure, which a length tells only on the scene's "
-                  "curve: give K_kappa_m2 one number for a curve from captures");
+      return messageOf(arm.name,
+                       ": K_kappa depends on pressure, which a length tells only on the scene's "
+                       "curve: give K_kappa_m2 one number for a curve from captures");
     }
     if ((options.length_scale != LengthScaling::kNone || options.stroke_scale) &&
         arm.arm.hasTables()) {
-      return text(arm.name,
-                  ": K_kappa depends on pressure, which a length tells only at the scene's "
-                  "scales: give K_kappa_m2 one number, or leave out length_scale, "
-                  "length_scale_each and stroke_scale_each");
+      return messageOf(arm.name,
+                       ": K_kappa depends on pressure, which a length tells only at the scene's "
+                       "scales: give K_kappa_m2 one number, or leave out length_scale, "
+                       "length_scale_each and stroke_scale_each");
     }
     if (options.K_eps) {
       if (const auto reason = unlikeEps(arm, arms.front())) return reason;
@@ -255,9 +257,10 @@ std::optional<std::string> unlike(const std::vector<ArmCaptures>& arms,
       if (other.kappa == first.kappa && other.gamma == first.gamma && other.tau == first.tau) {
         continue;
       }
-      return text(arm.name, ": the stiffness of ", arm.arm.actuator(i).name, " is not that of ",
-                  arms.front().arm.actuator(0).name, " of ", arms.front().name,
-                  "; one stiffness is fitted for all: give them the same one first");
+      return messageOf(arm.name, ": the stiffness of ", arm.arm.actuator(i).name,
+                       " is not that of ", arms.front().arm.actuator(0).name, " of ",
+                       arms.front().name,
+                       "; one stiffness is fitted for all: give them the same one first");
     }
   }
   return std::nullopt;
@@ -290,7 +293,7 @@ const char* unitOf(ReadingKind kind) {
 
 std::string pressureText(const Eigen::VectorXd& pressure) {
   std::vector<std::string> parts;
-  for (const double one : pressure) parts.push_back(text(one / 1e3));
+  for (const double one : pressure) parts.push_back(messageOf(one / 1e3));
   return basics::joined(parts) + " kPa";
 }
 
@@ -348,9 +351,9 @@ std::optional<Verdict> unfit(const std::vector<ArmCaptures>& arms,
   if (groups.pressure.size() == 1 && !options.free_shapes) {
     return Verdict{
         CalibrationStatus::kOnePressure,
-        text("all captures were taken at ", pressureText(groups.pressure.front()),
-             ", where the parameters cannot be distinguished; capture at other pressures, too",
-             inBar(arms.front()))};
+        messageOf("all captures were taken at ", pressureText(groups.pressure.front()),
+                  ", where the parameters cannot be distinguished; capture at other pressures, too",
+                  inBar(arms.front()))};
   }
   std::optional<std::string> reason = unmet(arms, options, kind);
   if (!reason) reason = unlike(arms, options);

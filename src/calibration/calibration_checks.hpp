@@ -2,14 +2,16 @@
 
 #include <Eigen/Core>
 #include <optional>
-#include <sstream>
 #include <string>
 #include <vector>
 
+#include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/calibration/calibration_parameters.hpp"
 
 /// Properties of captures, and checks whether parameters can be fitted to them.
 namespace helix_arm::estimation {
+
+using basics::messageOf;
 
 enum class ReadingKind { kCurvature, kTwists, kPoses, kCorners };
 ReadingKind kindOf(const Reading& reading);
@@ -18,13 +20,6 @@ bool isMet(FitNeed need, ReadingKind kind);
 /// Unit of the errors of such readings: rad, px or m.
 const char* unitOf(ReadingKind kind);
 
-/// Concatenates the parts of a message.
-template <class... Parts>
-std::string text(const Parts&... parts) {
-  std::ostringstream out;
-  (out << ... << parts);
-  return out.str();
-}
 /// "100, 0, 50 kPa".
 std::string pressureText(const Eigen::VectorXd& pressure);
 

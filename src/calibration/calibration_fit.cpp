@@ -49,7 +49,7 @@ Parameter heldParameter(const ParameterInfo& info) {
 // measured free lengths, except those that count as exact.
 Selection allOf(Selection wanted, const std::vector<ArmCaptures>& arms, ReadingKind kind) {
   for (const FitParameterInfo& info : fitParameters()) {
-    if (!info.uncertain_if_held || !info.aboutRig() || arms.size() != 1) continue;
+    if (!info.uncertainIfHeld() || !info.aboutRig() || arms.size() != 1) continue;
     if (isMet(info.need, kind)) wanted.own_blocks.insert(*info.block);
   }
   if (wanted.free_shapes) return wanted;
@@ -57,7 +57,7 @@ Selection allOf(Selection wanted, const std::vector<ArmCaptures>& arms, ReadingK
   Elasticity initial = ShapeModel(arms, {}).initial();
   std::vector<StiffnessEntry>& entries = wanted.stiffness;
   for (const FitParameterInfo& info : fitParameters()) {
-    if (!info.uncertain_if_held || !info.entry) continue;
+    if (!info.uncertainIfHeld() || !info.entry) continue;
     const bool asked = std::find(entries.begin(), entries.end(), *info.entry) != entries.end();
     // Entries that are absent from the scene stay absent.
     if (!asked && entryOf(initial, *info.entry) > 0) entries.push_back(*info.entry);
@@ -282,7 +282,7 @@ bool hasOthers(const Selection& selection) {
 bool canBeFittedAsWell(const FitParameterInfo& info, const std::vector<ArmCaptures>& arms,
                        CalibrationOptions options, ReadingKind kind) {
   const bool scaled = info.scaling != LengthScaling::kNone;
-  if (!info.block || info.uncertain_if_held || isFitted(info, options)) return false;
+  if (!info.block || info.uncertainIfHeld() || isFitted(info, options)) return false;
   if (scaled && options.length_scale != LengthScaling::kNone) return false;
   if (info.flag != nullptr) options.*info.flag = true;
   if (scaled) options.length_scale = info.scaling;
@@ -369,12 +369,13 @@ std::optional<std::string> warningOfLengths(const HeldTest& lengths, const Calib
     const double change =
         std::abs(lengths.shift[static_cast<Eigen::Index>(i)]) * kUsualLengthError * found->value;
     if (change <= found->standard_error) continue;
-    return text("the standard error of ", infos[i].name,
-                " takes the free lengths as exact, and the captures do not tell them: if they are "
-                "off by ",
-                100 * kUsualLengthError, " %, ", infos[i].name, " is off by ",
-                std::round(100 * change / found->value), " %; fit length_scale as well, so that ",
-                "the error says so, or contraction to measured free lengths");
+    return messageOf(
+        "the standard error of ", infos[i].name,
+        " takes the free lengths as exact, and the captures do not tell them: if they are "
+        "off by ",
+        100 * kUsualLengthError, " %, ", infos[i].name, " is off by ",
+        std::round(100 * change / found->value), " %; fit length_scale as well, so that ",
+        "the error says so, or contraction to measured free lengths");
   }
   return std::nullopt;
 }
@@ -560,13 +561,13 @@ std::vector<std::string> warningsOfHeld(const std::vector<ArmCaptures>& arms,
   std::string values;
   if (doubted->value.size() == 1) {
     const std::string unit = info.numbers.front().unit;
-    values =
-        text(std::setprecision(4), ", ", doubted->initial, unit.empty() ? "" : " ", unit,
-             ", and ask for ", doubted->value[0], " +- ", std::setprecision(2), doubted->error[0]);
+    values = messageOf(std::setprecision(4), ", ", doubted->initial, unit.empty() ? "" : " ", unit,
+                       ", and ask for ", doubted->value[0], " +- ", std::setprecision(2),
+                       doubted->error[0]);
   }
-  return {text("the captures contradict the scene's ", info.word, values, std::setprecision(2),
-               " (probability, if it is right: ", doubted->probability, "): fit ", info.word,
-               " as well; values and standard errors take it as exact")};
+  return {messageOf("the captures contradict the scene's ", info.word, values, std::setprecision(2),
+                    " (probability, if it is right: ", doubted->probability, "): fit ", info.word,
+                    " as well; values and standard errors take it as exact")};
 }
 
 }  // namespace helix_arm::estimation

@@ -12,63 +12,14 @@ namespace {
 
 using Options = CalibrationOptions;
 
-constexpr FitPrior kStiffnessPrior{"the prior of the stiffness",
-                                   [](const Options& o) { return o.stiffness_prior; }};
-constexpr FitPrior kLengthScalePrior{"the prior of the length scale",
-                                     [](const Options& o) { return o.length_scale_prior; }};
-constexpr FitPrior kStrokeScalePrior{"the prior of the stroke scale",
-                                     [](const Options& o) { return o.stroke_scale_prior; }};
-constexpr FitPrior kBaseTranslation{"the base's prior of translation",
-                                    [](const Options& o) { return o.base_prior.translation; }};
-constexpr FitPrior kBaseRotation{"the base's prior of rotation",
-                                 [](const Options& o) { return o.base_prior.rotation; }};
-constexpr FitPrior kTagTranslation{"the tags' prior of translation",
-                                   [](const Options& o) { return o.tag_prior.translation; }};
-constexpr FitPrior kTagRotation{"the tags' prior of rotation",
-                                [](const Options& o) { return o.tag_prior.rotation; }};
-constexpr FitPrior kBorderShiftPrior{"the prior of the bleed",
-                                     [](const Options& o) { return o.border_shift_prior; }};
-
-FitParameterInfo stiffness(FitParameter parameter, const char* word, FitGroup group,
-                           StiffnessEntry entry, const char* unit, bool Options::*flag) {
-  const bool load = entry == StiffnessEntry::kEps;
-  FitParameterInfo info{parameter, word, word, group, load ? FitNeed::kLoad : FitNeed::kArm};
-  info.block = ParameterBlock::kStiffness;
-  info.entry = entry;
-  info.numbers = {{"", unit, kStiffnessPrior}};
-  info.flag = flag;
-  info.uncertain_if_held = !load;
-  return info;
-}
-
-FitParameterInfo lengthScale(FitParameter parameter, const char* word, LengthScaling scaling) {
-  FitParameterInfo info{parameter, word, "length_scale", FitGroup::kNone, FitNeed::kArm};
-  info.block = ParameterBlock::kLengthScale;
-  info.numbers = {{"", "", kLengthScalePrior}};
-  info.scaling = scaling;
-  return info;
-}
-
-FitParameterInfo strokeScale(FitParameter parameter, const char* word) {
-  FitParameterInfo info{parameter, word, "stroke_scale", FitGroup::kNone, FitNeed::kArm};
-  info.block = ParameterBlock::kStrokeScale;
-  info.numbers = {{"", "", kStrokeScalePrior}};
-  info.each_actuator = true;
-  info.flag = &Options::stroke_scale;
-  return info;
-}
-
-FitParameterInfo placement(FitParameter parameter, const char* word, const char* name, FitNeed need,
-                           ParameterBlock block, std::vector<FitNumber> numbers,
-                           bool Options::*flag) {
-  FitParameterInfo info{parameter, word, name, FitGroup::kPlacement, need};
-  info.block = block;
-  info.numbers = std::move(numbers);
-  info.flag = flag;
-  info.implied = block == ParameterBlock::kBorderShift;
-  info.uncertain_if_held = block != ParameterBlock::kBase;
-  return info;
-}
+double stiffnessPrior(const Options& o) { return o.stiffness_prior; }
+double lengthScalePrior(const Options& o) { return o.length_scale_prior; }
+double strokeScalePrior(const Options& o) { return o.stroke_scale_prior; }
+double baseTranslation(const Options& o) { return o.base_prior.translation; }
+double baseRotation(const Options& o) { return o.base_prior.rotation; }
+double tagTranslation(const Options& o) { return o.tag_prior.translation; }
+double tagRotation(const Options& o) { return o.tag_prior.rotation; }
+double borderShiftPrior(const Options& o) { return o.border_shift_prior; }
 
 // Three of a position and three of a rotation.
 std::vector<FitNumber> poseNumbers(const char* x, FitPrior translation, FitPrior rotation) {
@@ -89,40 +40,57 @@ std::string membersOf(FitGroup group) {
 
 bool FitParameterInfo::aboutShape() const {
   return block == ParameterBlock::kStiffness || block == ParameterBlock::kLengthScale ||
-         each_actuator;
+         eachActuator();
 }
 
 bool FitParameterInfo::aboutRig() const {
   return need == FitNeed::kTags || need == FitNeed::kCorners;
 }
 
+bool FitParameterInfo::uncertainIfHeld() const {
+  return (entry && entry != StiffnessEntry::kEps) || block == ParameterBlock::kTag ||
+         block == ParameterBlock::kBorderShift;
+}
+
 const std::vector<FitParameterInfo>& fitParameters() {
+  using P = FitParameter;
+  using Block = ParameterBlock;
   using Entry = StiffnessEntry;
+  constexpr FitGroup kNone = FitGroup::kNone, kRatio = FitGroup::kStiffness;
+  constexpr FitGroup kPlacement = FitGroup::kPlacement;
+  constexpr FitNeed kArm = FitNeed::kArm, kSeries = FitNeed::kSeries;
+  constexpr std::optional<Entry> kNoEntry;
+  const auto one = [](const char* unit, FitPrior prior) {
+    return std::vector<FitNumber>{{"", unit, prior}};
+  };
   static const std::vector<FitParameterInfo> kTable{
-      stiffness(FitParameter::kKappa, "K_kappa", FitGroup::kStiffness, Entry::kKappa, "m^2",
-                &Options::K_kappa),
-      stiffness(FitParameter::kGamma, "K_gamma", FitGroup::kStiffness, Entry::kGamma, "",
-                &Options::K_gamma),
-      stiffness(FitParameter::kTau, "K_tau", FitGroup::kNone, Entry::kTau, "m^2", &Options::K_tau),
-      stiffness(FitParameter::kEps, "K_eps", FitGroup::kNone, Entry::kEps, "N", &Options::K_eps),
-      lengthScale(FitParameter::kLengthScale, "length_scale", LengthScaling::kCommon),
-      lengthScale(FitParameter::kLengthScaleEach, "length_scale_each", LengthScaling::kEach),
-      strokeScale(FitParameter::kStrokeScaleEach, "stroke_scale_each"),
-      {FitParameter::kContraction, "contraction", "contraction", FitGroup::kNone,
-       FitNeed::kFreeLengths},
-      {FitParameter::kResponse, "response", "response", FitGroup::kNone, FitNeed::kSeries},
-      {FitParameter::kMode, "mode", "mode", FitGroup::kNone, FitNeed::kSeries},
-      {FitParameter::kMass, "mass", "mass", FitGroup::kNone, FitNeed::kSeries},
-      {FitParameter::kDamping, "damping", "damping", FitGroup::kNone, FitNeed::kSeries},
-      {FitParameter::kRingRadius, "ring_radius", "ring_radius", FitGroup::kNone, FitNeed::kSeries},
-      {FitParameter::kRingPhase, "ring_phase", "ring_phase", FitGroup::kNone, FitNeed::kSeries},
-      placement(FitParameter::kBase, "base", "base", FitNeed::kTags, ParameterBlock::kBase,
-                poseNumbers("_x", kBaseTranslation, kBaseRotation), &Options::base),
-      placement(FitParameter::kTags, "tags", "tag", FitNeed::kTags, ParameterBlock::kTag,
-                poseNumbers("_along", kTagTranslation, kTagRotation), &Options::tags),
-      placement(FitParameter::kBorderShift, "bleed", "bleed", FitNeed::kCorners,
-                ParameterBlock::kBorderShift, {{"", "m", kBorderShiftPrior}},
-                &Options::border_shift)};
+      {P::kKappa, "K_kappa", "K_kappa", kRatio, kArm, Block::kStiffness, Entry::kKappa,
+       one("m^2", stiffnessPrior), &Options::K_kappa},
+      {P::kGamma, "K_gamma", "K_gamma", kRatio, kArm, Block::kStiffness, Entry::kGamma,
+       one("", stiffnessPrior), &Options::K_gamma},
+      {P::kTau, "K_tau", "K_tau", kNone, kArm, Block::kStiffness, Entry::kTau,
+       one("m^2", stiffnessPrior), &Options::K_tau},
+      {P::kEps, "K_eps", "K_eps", kNone, FitNeed::kLoad, Block::kStiffness, Entry::kEps,
+       one("N", stiffnessPrior), &Options::K_eps},
+      {P::kLengthScale, "length_scale", "length_scale", kNone, kArm, Block::kLengthScale, kNoEntry,
+       one("", lengthScalePrior), nullptr, LengthScaling::kCommon},
+      {P::kLengthScaleEach, "length_scale_each", "length_scale", kNone, kArm, Block::kLengthScale,
+       kNoEntry, one("", lengthScalePrior), nullptr, LengthScaling::kEach},
+      {P::kStrokeScaleEach, "stroke_scale_each", "stroke_scale", kNone, kArm, Block::kStrokeScale,
+       kNoEntry, one("", strokeScalePrior), &Options::stroke_scale},
+      {P::kContraction, "contraction", "contraction", kNone, FitNeed::kFreeLengths},
+      {P::kResponse, "response", "response", kNone, kSeries},
+      {P::kMode, "mode", "mode", kNone, kSeries},
+      {P::kMass, "mass", "mass", kNone, kSeries},
+      {P::kDamping, "damping", "damping", kNone, kSeries},
+      {P::kRingRadius, "ring_radius", "ring_radius", kNone, kSeries},
+      {P::kRingPhase, "ring_phase", "ring_phase", kNone, kSeries},
+      {P::kBase, "base", "base", kPlacement, FitNeed::kTags, Block::kBase, kNoEntry,
+       poseNumbers("_x", baseTranslation, baseRotation), &Options::base},
+      {P::kTags, "tags", "tag", kPlacement, FitNeed::kTags, Block::kTag, kNoEntry,
+       poseNumbers("_along", tagTranslation, tagRotation), &Options::tags},
+      {P::kBorderShift, "bleed", "bleed", kPlacement, FitNeed::kCorners, Block::kBorderShift,
+       kNoEntry, one("m", borderShiftPrior), &Options::border_shift}};
   return kTable;
 }
 

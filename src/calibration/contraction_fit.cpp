@@ -89,9 +89,11 @@ constexpr double kShortest = 1e-6, kLongest = 10.0;
 // none.
 std::string unitOfLength(double length) {
   const auto isUsual = [](double metres) { return metres > 0.02 && metres < 2.0; };
-  return isUsual(1e-3 * length)   ? ", such as " + text(1e-3 * length) + " if it is in millimetres"
-         : isUsual(1e-2 * length) ? ", such as " + text(1e-2 * length) + " if it is in centimetres"
-                                  : "";
+  return isUsual(1e-3 * length)
+             ? ", such as " + messageOf(1e-3 * length) + " if it is in millimetres"
+         : isUsual(1e-2 * length)
+             ? ", such as " + messageOf(1e-2 * length) + " if it is in centimetres"
+             : "";
 }
 
 constexpr int kCoefficients = 6;
@@ -121,8 +123,8 @@ ContractionFit failed(ContractionFitStatus status, std::string reason) {
 }
 
 std::string shortestReason(double length) {
-  return text("the best curve has a length of ", length,
-              " m; expected lengths > 0: correct the samples");
+  return messageOf("the best curve has a length of ", length,
+                   " m; expected lengths > 0: correct the samples");
 }
 
 std::optional<ContractionFit> checkSamples(const std::vector<LengthSample>& samples) {
@@ -130,24 +132,24 @@ std::optional<ContractionFit> checkSamples(const std::vector<LengthSample>& samp
     const auto [pressure, length] = samples[i];
     if (!std::isfinite(pressure)) {
       return failed(ContractionFitStatus::kNotFinite,
-                    text("sample ", i + 1, ": the pressure is ", pressure,
-                         "; expected a finite value; correct it or leave it out"));
+                    messageOf("sample ", i + 1, ": the pressure is ", pressure,
+                              "; expected a finite value; correct it or leave it out"));
     }
     if (!(std::isfinite(length) && length > 0)) {
       return failed(ContractionFitStatus::kNotFinite,
-                    text("sample ", i + 1, ": the length is ", length,
-                         " m; expected a finite value > 0; correct it or leave it out"));
+                    messageOf("sample ", i + 1, ": the length is ", length,
+                              " m; expected a finite value > 0; correct it or leave it out"));
     }
     if (length < kShortest || length > kLongest) {
       return failed(ContractionFitStatus::kOutOfRange,
-                    text("sample ", i + 1, ": the length is ", length, " m; expected ", kShortest,
-                         " to ", kLongest, " m", unitOfLength(length)));
+                    messageOf("sample ", i + 1, ": the length is ", length, " m; expected ",
+                              kShortest, " to ", kLongest, " m", unitOfLength(length)));
     }
     if (pressure < 0) {
       return failed(ContractionFitStatus::kOutOfRange,
-                    text("sample ", i + 1, ": the pressure is ", pressure,
-                         " Pa; expected gauge pressures >= 0; set readings of a vented muscle "
-                         "to 0"));
+                    messageOf("sample ", i + 1, ": the pressure is ", pressure,
+                              " Pa; expected gauge pressures >= 0; set readings of a vented muscle "
+                              "to 0"));
     }
   }
   return std::nullopt;
@@ -265,17 +267,18 @@ Constrained solveConstrained(const Matrix6& R, const Coefficients& z,
 ContractionFit fitQuintic(const Knots& knots, double trend) {
   const double first = knots.pressure.front(), last = knots.pressure.back();
   if (first > kNearZero * last) {
-    return failed(ContractionFitStatus::kOutOfRange,
-                  text("the smallest pressure is ", first, " Pa; expected at most ", kNearZero,
-                       " of the largest, ", last,
-                       " Pa, since a quintic begins at 0: measure the vented muscle too, or fit "
-                       "a table"));
+    return failed(
+        ContractionFitStatus::kOutOfRange,
+        messageOf("the smallest pressure is ", first, " Pa; expected at most ", kNearZero,
+                  " of the largest, ", last,
+                  " Pa, since a quintic begins at 0: measure the vented muscle too, or fit "
+                  "a table"));
   }
   const auto n = static_cast<Eigen::Index>(knots.size());
   if (n < kCoefficients) {
     return failed(ContractionFitStatus::kTooFewPressures,
-                  text("distinct pressures: ", n, "; expected at least ", kCoefficients,
-                       " for a quintic: measure at more, or fit a table"));
+                  messageOf("distinct pressures: ", n, "; expected at least ", kCoefficients,
+                            " for a quintic: measure at more, or fit a table"));
   }
   Eigen::Matrix<double, Eigen::Dynamic, kCoefficients> A(n, kCoefficients);
   Eigen::VectorXd y(n);
@@ -290,8 +293,8 @@ ContractionFit fitQuintic(const Knots& knots, double trend) {
   const auto diagonal = R.diagonal().cwiseAbs();
   if (diagonal.minCoeff() <= kRankThreshold * diagonal.maxCoeff()) {
     return failed(ContractionFitStatus::kTooFewPressures,
-                  text(n, " pressures, too close together to determine the ", kCoefficients,
-                       " coefficients of a quintic: spread them, or fit a table"));
+                  messageOf(n, " pressures, too close together to determine the ", kCoefficients,
+                            " coefficients of a quintic: spread them, or fit a table"));
   }
   const Coefficients z = (decomposition.householderQ().adjoint() * y).head<kCoefficients>();
 
@@ -383,16 +386,16 @@ ContractionFit curveOf(const std::vector<LengthSample>& samples, const std::vect
                               : options.branch == Branch::kRising ? " on the rising branch"
                                                                   : " on the falling branch";
     return failed(ContractionFitStatus::kTooFewPressures,
-                  text("distinct pressures", where, ": ", knots.size(), "; expected at least ",
-                       quintic ? kCoefficients : 2, ": measure at more"));
+                  messageOf("distinct pressures", where, ": ", knots.size(), "; expected at least ",
+                            quintic ? kCoefficients : 2, ": measure at more"));
   }
   const double trend = trendOf(samples, counts);
   if (trend == 0) {
     return failed(
         ContractionFitStatus::kNoTrend,
-        text("the lengths neither rise nor fall with pressure; expected a linear trend of "
-             "at least ",
-             kLeastTrend, " of its standard errors: check which column is which"));
+        messageOf("the lengths neither rise nor fall with pressure; expected a linear trend of "
+                  "at least ",
+                  kLeastTrend, " of its standard errors: check which column is which"));
   }
   return quintic                             ? fitQuintic(knots, trend)
          : options.kind == CurveKind::kTable ? fitTable(knots, trend)

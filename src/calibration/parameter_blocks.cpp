@@ -16,6 +16,17 @@ const FitParameterInfo& infoWhere(const Holds& holds) {
   return *found;
 }
 
+// Names of the numbers of a block, without their suffixes.
+// @param arm  which has a number for each actuator; null: there is one.
+std::vector<std::string> namesOf(const FitParameterInfo& info, const model::Arm* arm) {
+  if (arm == nullptr) return {info.name};
+  std::vector<std::string> names;
+  for (int i = 0; i < arm->actuatorCount(); ++i) {
+    names.push_back(info.name + ("_" + arm->actuator(i).name));
+  }
+  return names;
+}
+
 // @param values  constant or not, as are the numbers.
 template <class AnyValues>
 auto* dataOf(const ParameterBlocks::Block& block, AnyValues& values) {
@@ -73,35 +84,27 @@ ParameterBlocks::ParameterBlocks(const std::vector<ArmCaptures>& arms,
   values_.length_scale.setZero(lengthScales(selection, first.arm));
   values_.tags.assign(tags.size(), lie::Vector6::Zero());
   if (selection.has(ParameterBlock::kStiffness)) addStiffness(options, selection, model);
-  if (selection.has(ParameterBlock::kLengthScale)) addLengthScales(options, selection, first.arm);
-  // Names of the numbers of a block, without their suffixes.
-  const auto namesOf = [&first](const FitParameterInfo& info) {
-    std::vector<std::string> names;
-    for (int i = 0; info.each_actuator && i < first.arm.actuatorCount(); ++i) {
-      names.push_back(info.name + ("_" + first.arm.actuator(i).name));
-    }
-    return info.each_actuator ? names : std::vector<std::string>{info.name};
-  };
+  if (selection.has(ParameterBlock::kLengthScale)) {
+    const FitParameterInfo& info =
+        infoWhere([&selection](const auto& one) { return one.scaling == selection.length_scale; });
+    const bool each = values_.length_scale.size() > 1;
+    addNumbers(info, options, 0, namesOf(info, each ? &first.arm : nullptr));
+  }
+  for (const FitParameterInfo& info : fitParameters()) {
+    if (!info.hasOwnBlock() || info.block == ParameterBlock::kTag) continue;
+    const std::vector<std::string> names =
+        namesOf(info, info.eachActuator() ? &first.arm : nullptr);
+    values_.own_blocks[*info.block].setZero(
+        static_cast<Eigen::Index>(names.size() * info.numbers.size()));
+    if (selection.has(*info.block)) addNumbers(info, options, 0, names);
+  }
+  // Tags come last, with one block each, except the one that fixes the frame of all the others.
+  const FitParameterInfo& tag = infoOf(FitParameter::kTags);
   const int base_tag = first.layout.baseTag();
-  // Tags come last, with one block each.
-  for (const bool of_tags : {false, true}) {
-    for (const FitParameterInfo& info : fitParameters()) {
-      const bool is_of_tags = info.block == ParameterBlock::kTag;
-      if (!info.hasOwnBlock() || is_of_tags != of_tags) continue;
-      const bool fitted = selection.has(*info.block);
-      if (!of_tags) {
-        const std::vector<std::string> names = namesOf(info);
-        values_.own_blocks[*info.block].setZero(
-            static_cast<Eigen::Index>(names.size() * info.numbers.size()));
-        if (fitted) addOwn(info, options, 0, names);
-      }
-      for (std::size_t i = 0; fitted && of_tags && i < tags.size(); ++i) {
-        // This tag fixes the frame of all the others.
-        if (static_cast<int>(i) == base_tag) continue;
-        addOwn(info, options, static_cast<int>(i),
-               {info.name + ("_" + std::to_string(tags[i].id))});
-      }
-    }
+  for (int i = 0; selection.has(*tag.block) && i < static_cast<int>(tags.size()); ++i) {
+    if (i == base_tag) continue;
+    addNumbers(tag, options, i,
+               {tag.name + ("_" + std::to_string(tags[static_cast<std::size_t>(i)].id))});
   }
   // Last, so that the reported parameters come first.
   if (selection.has(ParameterBlock::kCurve)) addCurve(first.free_curve.value());
@@ -110,11 +113,11 @@ ParameterBlocks::ParameterBlocks(const std::vector<ArmCaptures>& arms,
 void ParameterBlocks::addCurve(const FreeCurve& curve) {
   const Eigen::Index count = curve.spline.lengths.size();
   values_.curve.setZero(count);
-  for (Eigen::Index k = 0; k < count; ++k) {
-    infos_.push_back(
-        {"contraction_" + std::to_string(k + 1), "", 1.0, false, 0.0, 0.0, false, false});
+  std::vector<ParameterInfo> infos;
+  for (Eigen::Index k = 1; k <= count; ++k) {
+    infos.push_back({"contraction_" + std::to_string(k), "", 1.0, false, 0.0, 0.0, false, false});
   }
-  add(ParameterBlock::kCurve, 0, Eigen::VectorXd::Zero(count), Eigen::VectorXd::Ones(count));
+  add(ParameterBlock::kCurve, 0, infos);
 }
 
 void ParameterBlocks::loosenCurve(double factor) {
@@ -123,63 +126,45 @@ void ParameterBlocks::loosenCurve(double factor) {
   }
 }
 
-void ParameterBlocks::add(ParameterBlock kind, int of, Eigen::VectorXd mean,
-                          Eigen::VectorXd deviation) {
-  blocks_.push_back({kind, of, columns(), std::move(mean), std::move(deviation)});
+void ParameterBlocks::add(ParameterBlock kind, int of, const std::vector<ParameterInfo>& infos) {
+  Eigen::VectorXd deviation(static_cast<Eigen::Index>(infos.size()));
+  std::transform(infos.begin(), infos.end(), deviation.begin(),
+                 [](const ParameterInfo& info) { return info.deviation; });
+  infos_.insert(infos_.end(), infos.begin(), infos.end());
+  blocks_.push_back({kind, of, columns(), Eigen::VectorXd::Zero(deviation.size()), deviation});
 }
 
 void ParameterBlocks::addStiffness(const CalibrationOptions& options, const Selection& selection,
                                    const ShapeModel& model) {
   Elasticity initial = model.initial();
-  Eigen::VectorXd deviation(values_.stiffness.size());
-  Eigen::Index row = 0;
+  std::vector<ParameterInfo> infos;
   for (const StiffnessEntry entry : selection.stiffness) {
     const FitParameterInfo& info =
         infoWhere([entry](const auto& one) { return one.entry == entry; });
     const FitNumber& number = info.numbers.front();
-    deviation[row] = number.prior.deviation(options);
-    infos_.push_back({info.name, number.unit, deviation[row], true, model.referenceOf(entry),
-                      entryOf(initial, entry), true});
-    ++row;
+    infos.push_back({info.name, number.unit, number.prior(options), true, model.referenceOf(entry),
+                     entryOf(initial, entry), true});
   }
-  add(ParameterBlock::kStiffness, 0, Eigen::VectorXd::Zero(row), deviation);
+  add(ParameterBlock::kStiffness, 0, infos);
 }
 
-void ParameterBlocks::addLengthScales(const CalibrationOptions& options, const Selection& selection,
-                                      const model::Arm& arm) {
-  const FitParameterInfo& info =
-      infoWhere([&selection](const auto& one) { return one.scaling == selection.length_scale; });
-  const FitNumber& number = info.numbers.front();
-  const double deviation = number.prior.deviation(options);
-  const int count = static_cast<int>(values_.length_scale.size());
-  for (int i = 0; i < count; ++i) {
-    const std::string suffix = count == 1 ? "" : "_" + arm.actuator(i).name;
-    infos_.push_back({info.name + suffix, number.unit, deviation, true, 1.0, 1.0, true});
-  }
-  add(ParameterBlock::kLengthScale, 0, Eigen::VectorXd::Zero(count),
-      Eigen::VectorXd::Constant(count, deviation));
-}
-
-void ParameterBlocks::addOwn(const FitParameterInfo& info, const CalibrationOptions& options,
-                             int of, const std::vector<std::string>& names) {
-  const auto count = static_cast<Eigen::Index>(names.size() * info.numbers.size());
+void ParameterBlocks::addNumbers(const FitParameterInfo& info, const CalibrationOptions& options,
+                                 int of, const std::vector<std::string>& names) {
   const bool is_log = info.aboutShape();
   const double initial = is_log ? 1.0 : 0.0;
-  Eigen::VectorXd deviation(count);
-  Eigen::Index row = 0;
+  std::vector<ParameterInfo> infos;
   for (const std::string& name : names) {
     for (const FitNumber& number : info.numbers) {
-      deviation[row] = number.prior.deviation(options);
-      infos_.push_back(
-          {name + number.suffix, number.unit, deviation[row], is_log, initial, initial, is_log});
-      ++row;
+      infos.push_back({name + number.suffix, number.unit, number.prior(options), is_log, initial,
+                       initial, is_log});
     }
   }
-  add(*info.block, of, Eigen::VectorXd::Zero(count), deviation);
+  add(*info.block, of, infos);
 }
 
 void ParameterBlocks::addShape(const Eigen::VectorXd& mean, const Eigen::VectorXd& deviation) {
-  add(ParameterBlock::kShape, static_cast<int>(values_.shapes.size()), mean, deviation);
+  blocks_.push_back({ParameterBlock::kShape, static_cast<int>(values_.shapes.size()), columns(),
+                     mean, deviation});
   values_.shapes.push_back(mean);
 }
 

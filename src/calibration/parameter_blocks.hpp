@@ -101,14 +101,12 @@ class ParameterBlocks {
   const double* data(const Block& block) const;
 
  private:
-  void add(ParameterBlock kind, int of, Eigen::VectorXd mean, Eigen::VectorXd deviation);
+  void add(ParameterBlock kind, int of, const std::vector<ParameterInfo>& infos);
   void addStiffness(const CalibrationOptions& options, const Selection& selection,
                     const ShapeModel& model);
-  void addLengthScales(const CalibrationOptions& options, const Selection& selection,
-                       const model::Arm& arm);
   void addCurve(const FreeCurve& curve);
-  void addOwn(const FitParameterInfo& info, const CalibrationOptions& options, int of,
-              const std::vector<std::string>& names);
+  void addNumbers(const FitParameterInfo& info, const CalibrationOptions& options, int of,
+                  const std::vector<std::string>& names);
 
   Values values_;
   std::vector<Block> blocks_;

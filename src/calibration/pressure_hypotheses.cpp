@@ -38,12 +38,12 @@ void addExchanges(const model::Arm& arm, std::vector<FaultHypothesis>& out) {
         names.push_back(arm.actuator(from[first + i]).name);
       }
       out.push_back(
-          exchanged(from, text("section ", k + 1, ", in the order ", basics::joined(names))));
+          exchanged(from, messageOf("section ", k + 1, ", in the order ", basics::joined(names))));
     }
     if (k + 1 < arm.sectionCount() && arm.firstActuator(k + 2) - next == count && count > 1) {
       Eigen::VectorXi from = same;
       from.segment(first, count).swap(from.segment(next, count));
-      out.push_back(exchanged(from, text("sections ", k + 1, " and ", k + 2)));
+      out.push_back(exchanged(from, messageOf("sections ", k + 1, " and ", k + 2)));
     }
   }
 }
@@ -56,9 +56,9 @@ void addUnits(std::vector<FaultHypothesis>& out) {
                                                               {"Pa", 1e-3},
                                                               {"kPa instead of psi", 1 / 6.894757}};
   for (const auto& [unit, factor] : kUnits) {
-    out.push_back({"pressure_unit", text("all channels in ", unit),
-                   always(text("the pressures are in ", unit,
-                               ": convert them, and name their unit in the header")),
+    out.push_back({"pressure_unit", messageOf("all channels in ", unit),
+                   always(messageOf("the pressures are in ", unit,
+                                    ": convert them, and name their unit in the header")),
                    [factor = factor](double, Eigen::MatrixXd& read) { read *= factor; }});
   }
 }
@@ -73,9 +73,10 @@ void addChannel(const model::Arm& arm, int channel, std::vector<FaultHypothesis>
     range = std::max(range, arm.actuator(i).limits.upper - arm.actuator(i).limits.lower);
   }
   const auto scaled = [](double size, const Calibration&) {
-    return text("the pressure in the muscle is ", std::round(100 * size),
-                " % of what is read: look for a leak, and check the scale of the sensor and of "
-                "the regulator");
+    return messageOf(
+        "the pressure in the muscle is ", std::round(100 * size),
+        " % of what is read: look for a leak, and check the scale of the sensor and of "
+        "the regulator");
   };
   out.push_back({"pressure_gain", subject, scaled, [first, count](double size, auto& read) {
                    read.middleCols(first, count) *= size;
@@ -84,9 +85,9 @@ void addChannel(const model::Arm& arm, int channel, std::vector<FaultHypothesis>
   out.back().size = {{0.35, 0.5, 0.7, 0.9, 1.15, 1.4, 2.0, 2.8}, 1.0, kLeastGain};
   out.back().of_all = all;
   const auto shifted = [range](double part, const Calibration&) {
-    return text("the pressure in the muscle is ", std::round(std::abs(part * range) / 1e3), " kPa ",
-                part > 0 ? "above" : "below",
-                " what is read: zero the sensor with the muscle vented");
+    return messageOf("the pressure in the muscle is ", std::round(std::abs(part * range) / 1e3),
+                     " kPa ", part > 0 ? "above" : "below",
+                     " what is read: zero the sensor with the muscle vented");
   };
   out.push_back(
       {"pressure_offset", subject, shifted, [first, count, range](double part, auto& read) {

@@ -163,11 +163,11 @@ void addTurns(const TagGroup& group, const TagLayout& layout, std::vector<FaultH
   for (int quarters = 1; quarters < 4; ++quarters) {
     Places places(layout);
     places.quarters(group.tags).setConstant(quarters);
-    out.push_back(
-        tagHypothesis("tags_turned", group.name, places,
-                      text("they are glued turned by ", 90 * quarters,
-                           " degrees counterclockwise: turn them in the scene's tags, or on the "
-                           "arm")));
+    out.push_back(tagHypothesis(
+        "tags_turned", group.name, places,
+        messageOf("they are glued turned by ", 90 * quarters,
+                  " degrees counterclockwise: turn them in the scene's tags, or on the "
+                  "arm")));
   }
 }
 
@@ -249,9 +249,9 @@ void addPictures(const ArmCaptures& arm, std::vector<FaultHypothesis>& out) {
     if (side == width) continue;
     FaultHypothesis scaled{
         "picture_size", "the camera",
-        always(text("the pictures are ", side,
-                    " pixels wide, those that the camera was calibrated at ", width,
-                    ": take them at that size, or calibrate the camera at this one"))};
+        always(messageOf("the pictures are ", side,
+                         " pixels wide, those that the camera was calibrated at ", width,
+                         ": take them at that size, or calibrate the camera at this one"))};
     const double factor = static_cast<double>(width) / side;
     scaled.correct_captures = [factor](double, CalibrationInput& input) {
       // Pixel (0, 0) is the centre of the first one.
@@ -275,10 +275,11 @@ void addPictures(const ArmCaptures& arm, std::vector<FaultHypothesis>& out) {
   out.push_back(std::move(turned));
   FaultHypothesis size{
       "tag_size", "all tags", [](double, const Calibration& fit) {
-        return text("write tags.size_m: ", std::round(1e5 * fit.layout.size) / 1e5,
-                    " into the scene, measured over the outer edge of the black border (of "
-                    "families Circle, Custom and Standard over its inner edge, around the white "
-                    "square)");
+        return messageOf(
+            "write tags.size_m: ", std::round(1e5 * fit.layout.size) / 1e5,
+            " into the scene, measured over the outer edge of the black border (of "
+            "families Circle, Custom and Standard over its inner edge, around the white "
+            "square)");
       }};
   size.correct_tags = [](double factor, TagLayout& layout) { layout.size *= factor; };
   size.correct_scene = [](double factor, CalibrationInput& input) {
@@ -300,9 +301,9 @@ FaultHypothesis moveOf(const std::string& subject) {
   const auto remedy = [](double, const Calibration& fit) -> std::optional<std::string> {
     const double move = fit.X_B0B.translation.norm(), turn = turnOf(fit.X_B0B);
     if (turn >= kMostTurn || (turn <= kLeastTurn && move <= kLeastMove)) return std::nullopt;
-    return text("it is ", std::round(1e3 * move), " mm and ",
-                std::round(turn * 1800 / basics::kPi) / 10,
-                " degrees from where the scene has it: fit base as well");
+    return messageOf("it is ", std::round(1e3 * move), " mm and ",
+                     std::round(turn * 1800 / basics::kPi) / 10,
+                     " degrees from where the scene has it: fit base as well");
   };
   FaultHypothesis out{subject + "_moved", "the " + subject, remedy};
   out.correct_scene = [](double, CalibrationInput& input) {
@@ -319,10 +320,10 @@ FaultHypothesis lengthsOf(const model::Arm& arm) {
     if (std::abs(scale[oddMuscle(scale)] - usualOf(scale)) <= kLeastLength) return std::nullopt;
     std::vector<std::string> parts;
     for (int i = 0; i < arm.actuatorCount(); ++i) {
-      parts.push_back(text(arm.actuator(i).name, " ", std::round(1e3 * scale[i]) / 10, " %"));
+      parts.push_back(messageOf(arm.actuator(i).name, " ", std::round(1e3 * scale[i]) / 10, " %"));
     }
-    return text("the muscles are ", basics::joined(parts),
-                " of the length in the scene: fit length_scale_each as well");
+    return messageOf("the muscles are ", basics::joined(parts),
+                     " of the length in the scene: fit length_scale_each as well");
   };
   FaultHypothesis out{"muscle_length", "", remedy};
   out.correct_scene = [](double, CalibrationInput& input) {

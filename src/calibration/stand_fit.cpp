@@ -114,13 +114,13 @@ std::string faultOf(const std::vector<StandReading>& readings, double most) {
     shortest = std::min(shortest, one.length);
     longest = std::max(longest, one.length);
     if (one.length > 0 && one.pressure >= -kStandMove * most) continue;
-    return text("a reading has a length of ", one.length, " m at ", one.pressure / 1e3,
-                " kPa; expected lengths > 0 and gauge pressures >= 0");
+    return messageOf("a reading has a length of ", one.length, " m at ", one.pressure / 1e3,
+                     " kPa; expected lengths > 0 and gauge pressures >= 0");
   }
   if (longest - shortest >= kLeastStretch * longest) return {};
-  return text("the lengths are all within ", longest - shortest,
-              " m; expected forces at several "
-              "lengths, by at least 2 % apart: stretch the muscle at each pressure");
+  return messageOf("the lengths are all within ", longest - shortest,
+                   " m; expected forces at several "
+                   "lengths, by at least 2 % apart: stretch the muscle at each pressure");
 }
 
 // The law that the numbers at the knots describe, held monotone.
@@ -131,10 +131,10 @@ void setLaw(const std::vector<StandReading>& readings, int muscles, const Eigen:
   out.K_eps = z[n] * z.head(n);
   for (Eigen::Index k = 0; k < n; ++k) {
     if (z[k] > 0 && z[n + k] > 0) continue;
-    out.reason = text("at ", out.pressures[static_cast<std::size_t>(k)] / 1e3, " kPa ",
-                      z[k] > 0 ? "the force vanishes at no length > 0"
-                               : "the force does not rise with the length",
-                      "; expected tension to be positive and length_m the muscle's length");
+    out.reason = messageOf("at ", out.pressures[static_cast<std::size_t>(k)] / 1e3, " kPa ",
+                           z[k] > 0 ? "the force vanishes at no length > 0"
+                                    : "the force does not rise with the length",
+                           "; expected tension to be positive and length_m the muscle's length");
     return;
   }
   std::vector<LengthSample> samples;  // where the force would vanish

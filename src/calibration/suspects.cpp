@@ -376,7 +376,6 @@ bool isCertain(const std::vector<Suspect>& suspects, double noise) {
 std::vector<Suspect> suspectsOf(const std::vector<ArmCaptures>& arms,
                                 const CalibrationOptions& options,
                                 const std::function<bool()>& stop) {
-  options.validate();
   const std::vector<ArmCaptures> read = withReadings(arms);
   if (read.empty() || read.front().captures.empty()) return {};
   std::vector<ArmCaptures> clamped = read;

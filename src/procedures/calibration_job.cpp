@@ -236,7 +236,7 @@ CalibrationOptions optionsOf(const io::Scene& scene, const CalibrationRequest& r
   bool about_shape = false;
   for (const estimation::FitParameterInfo& info : estimation::fitParameters()) {
     about_shape |= info.aboutShape() && fitted.count(info.parameter) > 0;
-    if (info.implied && areCorners(data.captures)) fitted.insert(info.parameter);
+    if (info.implied() && areCorners(data.captures)) fitted.insert(info.parameter);
   }
   estimation::setFitted(fitted, options);
   // Placements that are fitted alone must not depend on the accuracy of the model.

@@ -157,9 +157,6 @@ struct CalibrationOptions {
   bool held_out = true;      ///< refit without each pressure, and without each arm, in turn
   int next_pressures = 3;    ///< number of pressures to suggest
   int max_iterations = 100;  ///< per least squares
-
-  /// @throws std::invalid_argument naming the value and its rule.
-  void validate() const;
 };
 
 /// Whether a calibration has a result.
@@ -314,9 +311,7 @@ struct Calibration {
 /// least-squares fit of all captures.
 ///
 /// Several arms share stiffness and length scales. Base, tags and border shift can only be fitted
-/// for a single arm.
-/// @throws std::invalid_argument if the options break their rules. Faults of the data are reported
-///     in the status.
+/// for a single arm. Faults of the data are reported in the status.
 Calibration calibrate(const std::vector<ArmCaptures>& arms, const CalibrationOptions& options);
 
 /// K_kappa by the paper's definition: minimum mean tip error over captures of twists. Curvatures

@@ -29,11 +29,8 @@ enum class FitNeed {
 /// Entries of a stiffness that can be fitted. The others are ratios to kEps.
 enum class StiffnessEntry { kKappa, kGamma, kTau, kEps };
 
-/// Prior knowledge of a number.
-struct FitPrior {
-  const char* what;                                        ///< name in messages
-  double (*deviation)(const CalibrationOptions& options);  ///< standard deviation, > 0
-};
+/// Standard deviation of a number's prior, > 0.
+using FitPrior = double (*)(const CalibrationOptions& options);
 
 /// One number of a fit parameter.
 struct FitNumber {
@@ -53,24 +50,25 @@ struct FitParameterInfo {
   std::optional<ParameterBlock> block = {};
   std::optional<StiffnessEntry> entry = {};
   std::vector<FitNumber> numbers = {};  ///< for one actuator, tag or rig
-  bool each_actuator = false;           ///< fitted for every actuator, in a block of its own
   // Option that it sets: a flag, or the kind of length scaling. Those without a block set none.
   bool CalibrationOptions::*flag = nullptr;
   LengthScaling scaling = LengthScaling::kNone;
-  /// Fitted with tag corners whether requested or not: ignoring it causes an error of many standard
-  /// errors.
-  bool implied = false;
-  /// If not fitted, its prior uncertainty adds to the errors of the other parameters. Parameters
-  /// without this flag count as exact.
-  bool uncertain_if_held = false;
 
   /// Whether it is a stiffness or a scale, which determines the shape of the arm and is fitted as a
   /// logarithm.
   bool aboutShape() const;
   /// Whether its block holds nothing else, unlike those of stiffness and length scales.
-  bool hasOwnBlock() const { return aboutRig() || each_actuator; }
+  bool hasOwnBlock() const { return aboutRig() || eachActuator(); }
   /// Whether it describes the rig: base, tags and border shift.
   bool aboutRig() const;
+  /// Whether it is fitted for every actuator, in a block of its own.
+  bool eachActuator() const { return block == ParameterBlock::kStrokeScale; }
+  /// Whether it is fitted with tag corners, requested or not: ignoring it causes an error of many
+  /// standard errors.
+  bool implied() const { return block == ParameterBlock::kBorderShift; }
+  /// Whether its prior uncertainty adds to the errors of the other parameters if it is not fitted.
+  /// The others count as exact.
+  bool uncertainIfHeld() const;
 };
 
 /// The table; row i describes the parameter with value i.

@@ -54,7 +54,6 @@ bool isCertain(const std::vector<Suspect>& suspects, double noise);
 ///     fit is as good as its noise, if calibrate() would refuse the captures for another reason
 ///     than their pressures, or if it was stopped.
 /// @param stop  once it returns true, the search ends within the time of one fit.
-/// @throws std::invalid_argument if the options break their rules.
 std::vector<Suspect> suspectsOf(const std::vector<ArmCaptures>& arms,
                                 const CalibrationOptions& options,
                                 const std::function<bool()>& stop = {});
