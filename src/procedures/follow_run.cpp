@@ -112,135 +112,6 @@ constexpr double kPictureRate = 30;  // [Hz]
 constexpr double kRounding = 1e-9;   // of times [s]
 constexpr int kMostReadings = 100;   // until the arm may be enabled
 
-// A rig, its safety core and a visual servo in one thread and in a fixed order, with a simulated
-// time: the same seeds give the same figures on any machine under any load.
-class Lockstep {
- public:
-  // Everything in it; the arm starts enabled, vented and at rest.
-  struct Parts {
-    statics::ArmModel model;  // of the scene, for the tags' search
-    simulation::SimulatedRig rig;
-    simulation::SimulatedVision vision;
-    control::SafetyCore core;
-    follow::VisualServo loop;
-    SuspectWatch suspects;
-  };
-
-  // @param rate     of the pictures [Hz].
-  // @param latency  from a picture to its measurement [s].
-  // @param blind    pictures within this time are lost [s].
-  // @throws std::runtime_error if the safety core refuses to be enabled.
-  Lockstep(Parts parts, double rate, double latency, const std::optional<model::Range>& blind)
-      : parts_(std::move(parts)), rate_(rate), latency_(latency), blind_(blind) {
-    basics::requireNotNegative("lockstep", "the latency [s]", latency);
-    std::string refusal = "the regulator was not read";
-    // With noise, single readings may look like pressure.
-    for (int k = 0; k < kMostReadings && !refusal.empty(); ++k) {
-      reading_ = parts_.rig.measure();
-      parts_.core.measured(0.0, reading_);
-      parts_.core.advance(0.0);
-      refusal = parts_.core.enable(0.0);
-    }
-    if (!refusal.empty()) throw std::runtime_error("lockstep: " + refusal);
-    parts_.loop.enable(true);
-    parts_.loop.reading(0.0, parts_.core.orders().set_point, reading_);
-  }
-
-  // One turn: the regulator follows the last orders, is read, the loop turns, its command goes
-  // through the safety core, and pictures whose time has come arrive.
-  // Throws as SimulatedRig::shape() does.
-  void advance() {
-    ++steps_;
-    const double now = time();
-    const Eigen::VectorXd set_point = parts_.core.orders().set_point;
-    parts_.rig.command(set_point);
-    parts_.rig.step(kTurn);
-    reading_ = parts_.rig.measure();
-    parts_.core.measured(now, reading_);
-    parts_.loop.enable(parts_.core.state() == control::SafetyState::kEnabled);
-    const follow::Turn& turn = parts_.loop.reading(now, set_point, reading_);
-    if (turn.commands) parts_.core.target(now, turn.pressure);
-    parts_.core.advance(now);
-    if (now + kRounding >= static_cast<double>(pictures_ + 1) / rate_) {
-      ++pictures_;
-      takePicture();
-    }
-    deliver();
-  }
-
-  double time() const { return static_cast<double>(steps_) * kTurn; }  // [s]
-  simulation::SimulatedRig& rig() { return parts_.rig; }
-  simulation::SimulatedVision& vision() { return parts_.vision; }
-  follow::VisualServo& loop() { return parts_.loop; }
-  const SuspectWatch& suspects() const { return parts_.suspects; }
-  const control::SafetyCore& core() const { return parts_.core; }
-  // Last measured tip, with the time of its picture; nothing before the first.
-  struct MeasuredTip {
-    double stamp;
-    lie::SE3 tip;
-  };
-  const std::optional<MeasuredTip>& measuredTip() const { return measured_; }
-  int picturesAccepted() const { return accepted_; }
-  // Why the last picture that was not accepted was not.
-  const std::string& whyUnseen() const { return why_unseen_; }
-  // Indices of the tags in those pictures, ascending.
-  const std::set<int>& fittedTags() const { return fitted_; }
-
- private:
-  struct Waiting {
-    double stamp, due;
-    simulation::MeasuredShape shape;
-  };
-
-  void takePicture() {
-    const double now = time();
-    if (blind_ && blind_->contains(now)) {
-      why_unseen_ = "the picture is lost, as in the interval without pictures";
-      return;
-    }
-    const Eigen::VectorXd pressure = parts_.model.arm().clamped(reading_);
-    const model::Shape nominal =
-        statics::startingShape(parts_.model, parts_.model.solve(pressure), pressure);
-    // A tip is measured and predicted with the same deviations from the mean twists.
-    const auto corrected = parts_.loop.tracker().shape(pressure);
-    const model::Shape expected = corrected ? corrected->about(nominal.twists()) : nominal;
-    if (auto seen = parts_.vision.look(parts_.rig.shape(), expected)) {
-      waiting_.push_back({now, now + latency_, std::move(*seen)});
-    } else {
-      why_unseen_ = parts_.vision.whyUnseen();
-    }
-  }
-
-  void deliver() {
-    const double now = time();
-    while (!waiting_.empty() && waiting_.front().due <= now + kRounding) {
-      const Waiting& next = waiting_.front();
-      const auto observation = parts_.loop.picture(next.stamp, now, next.shape.twists,
-                                                   next.shape.covariance, next.shape.tags);
-      parts_.suspects.see(parts_.loop, observation, true);
-      if (observation.accepted()) {
-        ++accepted_;
-      } else {
-        why_unseen_ = std::string("the picture is refused: ") + nameOf(observation.fault);
-      }
-      fitted_.insert(next.shape.tags.begin(), next.shape.tags.end());
-      measured_ = MeasuredTip{next.stamp, next.shape.tip};
-      waiting_.pop_front();
-    }
-  }
-
-  Parts parts_;
-  const double rate_, latency_;
-  const std::optional<model::Range> blind_;
-  std::int64_t steps_ = 0, pictures_ = 0;
-  std::deque<Waiting> waiting_;
-  Eigen::VectorXd reading_;
-  std::optional<MeasuredTip> measured_;
-  int accepted_ = 0;
-  std::string why_unseen_ = "no picture arrived in the time";
-  std::set<int> fitted_;
-};
-
 // For a scene without a simulated regulator: one as the loop expects it.
 regulator::SimulatedRegulatorConfig simulatedConfigOf(const io::Scene& scene, std::uint32_t seed) {
   regulator::SimulatedRegulatorConfig out = simulatedRegulatorOf(scene);
@@ -271,16 +142,6 @@ void requireRigOf(const io::Scene& scene, const io::Scene& rig) {
                   "; give the scene that this one was calibrated from");
 }
 
-Lockstep lockstepOf(const io::Scene& scene, const io::Scene& rig, const FollowPlan& plan) {
-  SeenRig seen = seenRigOf(scene, rig, plan.plant, plan.vision, plan.seed);
-  return {{scene.model, std::move(seen.rig), std::move(seen.vision),
-           control::SafetyCore(scene.safety.channels, scene.safety.rules),
-           follow::VisualServo(scene.model, loopConfigOf(scene)), SuspectWatch(scene)},
-          rig.hasBodies() ? std::min(rig.simulation.bodies.rate, 1 / kTurn) : kPictureRate,
-          plan.latency,
-          plan.blind};
-}
-
 void requireSound(const FollowPlan& plan) {
   basics::requirePositive("follow", "the duration [s]", plan.seconds);
   basics::require(plan.path.has_value() != !plan.tips.empty(),
@@ -298,14 +159,32 @@ void requireSound(const FollowPlan& plan) {
   }
 }
 
-// A plan on its rig, turn by turn.
+// A plan on its rig: the rig, its safety core and a visual servo in one thread and in a fixed
+// order, with a simulated time. The same seeds give the same figures on any machine under any load.
 class FollowRun {
  public:
+  // The arm starts enabled, vented and at rest.
+  // @throws std::runtime_error if the safety core refuses to be enabled.
   FollowRun(const io::Scene& scene, const io::Scene& rig, const FollowPlan& plan)
       : scene_(scene),
         plan_(plan),
-        lockstep_(lockstepOf(scene, rig, plan)),
-        turns_(static_cast<std::int64_t>(std::llround(plan.seconds / kTurn))) {
+        rate_(rig.hasBodies() ? std::min(rig.simulation.bodies.rate, 1 / kTurn) : kPictureRate),
+        turns_(static_cast<std::int64_t>(std::llround(plan.seconds / kTurn))),
+        seen_rig_(seenRigOf(scene, rig, plan.plant, plan.vision, plan.seed)),
+        core_(scene.safety.channels, scene.safety.rules),
+        loop_(scene.model, loopConfigOf(scene)),
+        suspects_(scene) {
+    basics::requireNotNegative("lockstep", "the latency [s]", plan.latency);
+    std::string refusal = "the regulator was not read";
+    // With noise, single readings may look like pressure.
+    for (int k = 0; k < kMostReadings && !refusal.empty(); ++k) {
+      readPressures(0.0);
+      core_.advance(0.0);
+      refusal = core_.enable(0.0);
+    }
+    if (!refusal.empty()) throw std::runtime_error("lockstep: " + refusal);
+    loop_.enable(true);
+    loop_.reading(0.0, core_.orders().set_point, reading_);
     if (plan.open) loop_.close(false);
     loop_.ignoreContacts(plan.ignore_contacts);
     if (plan.path) loop_.follow(*plan.path);
@@ -313,39 +192,107 @@ class FollowRun {
 
   FollowResult take(const std::function<bool(double)>& progress) {
     run(progress);
-    out_.suspects = lockstep_.suspects().suspects();
+    out_.suspects = suspects_.suspects();
     if (out_.moved) out_.suspects.insert(out_.suspects.begin(), suspectOf(out_.moved->base));
     return std::move(out_);
   }
 
  private:
+  struct Waiting {
+    double stamp, due;
+    simulation::MeasuredShape shape;
+  };
+
+  double time() const { return static_cast<double>(steps_) * kTurn; }  // [s]
+
   void run(const std::function<bool(double)>& progress) {
     double told = 0.0;
-    for (std::int64_t k = 0; k < turns_; ++k) {
-      aim(k);
+    while (steps_ < turns_) {
+      aim(steps_);
       disturb();
-      lockstep_.advance();
+      advance();
       record();
-      if (lockstep_.core().state() != control::SafetyState::kEnabled) {
-        out_.vented = lockstep_.core().reason();
+      if (core_.state() != control::SafetyState::kEnabled) {
+        out_.vented = core_.reason();
         return;
       }
-      if (progress && (!plan_.plant.empty() || lockstep_.time() >= told + kProgressPeriod)) {
-        told = lockstep_.time();
+      if (progress && (!plan_.plant.empty() || time() >= told + kProgressPeriod)) {
+        told = time();
         if (!progress(told)) return;
       }
       const std::optional<double>& path_time = out_.rows.back().path_time;
       if (plan_.to_path_end && path_time && *path_time > plan_.path->lastTime()) break;
     }
     out_.budget = loop_.budget();
-    if (out_.pictures == 0) out_.why_unseen = lockstep_.whyUnseen();
+    if (out_.pictures == 0) out_.why_unseen = why_unseen_;
     out_.quiet = loop_.quiet();
-    const std::set<int>& fitted = lockstep_.fittedTags();
-    out_.uncalibrated_tags = uncalibratedTags(*scene_.tags, {fitted.begin(), fitted.end()});
+    out_.uncalibrated_tags = uncalibratedTags(*scene_.tags, {fitted_.begin(), fitted_.end()});
     out_.lag = loop_.response().lag();
     out_.play = loop_.response().play();
     out_.figures = plan_.path ? pathFigures(out_.rows, *plan_.path)
                               : tipFigures(out_.rows, static_cast<int>(plan_.tips.size()));
+  }
+
+  void readPressures(double now) {
+    reading_ = seen_rig_.rig.measure();
+    core_.measured(now, reading_);
+  }
+
+  // One turn: the regulator follows the last orders, is read, the loop turns, its command goes
+  // through the safety core, and pictures whose time has come arrive.
+  // Throws as SimulatedRig::shape() does.
+  void advance() {
+    ++steps_;
+    const double now = time();
+    const Eigen::VectorXd set_point = core_.orders().set_point;
+    seen_rig_.rig.command(set_point);
+    seen_rig_.rig.step(kTurn);
+    readPressures(now);
+    loop_.enable(core_.state() == control::SafetyState::kEnabled);
+    const follow::Turn& turn = loop_.reading(now, set_point, reading_);
+    if (turn.commands) core_.target(now, turn.pressure);
+    core_.advance(now);
+    if (now + kRounding >= static_cast<double>(pictures_ + 1) / rate_) {
+      ++pictures_;
+      takePicture(now);
+    }
+    deliver(now);
+  }
+
+  void takePicture(double now) {
+    if (plan_.blind && plan_.blind->contains(now)) {
+      why_unseen_ = "the picture is lost, as in the interval without pictures";
+      return;
+    }
+    const Eigen::VectorXd pressure = scene_.model.arm().clamped(reading_);
+    const model::Shape nominal =
+        statics::startingShape(scene_.model, scene_.model.solve(pressure), pressure);
+    // A tip is measured and predicted with the same deviations from the mean twists.
+    const auto corrected = loop_.tracker().shape(pressure);
+    const model::Shape expected = corrected ? corrected->about(nominal.twists()) : nominal;
+    if (auto seen = seen_rig_.vision.look(seen_rig_.rig.shape(), expected)) {
+      waiting_.push_back({now, now + plan_.latency, std::move(*seen)});
+    } else {
+      why_unseen_ = seen_rig_.vision.whyUnseen();
+    }
+  }
+
+  void deliver(double now) {
+    while (!waiting_.empty() && waiting_.front().due <= now + kRounding) {
+      const Waiting& next = waiting_.front();
+      const auto observation =
+          loop_.picture(next.stamp, now, next.shape.twists, next.shape.covariance, next.shape.tags);
+      suspects_.see(loop_, observation, true);
+      if (observation.accepted()) {
+        ++out_.pictures;
+      } else {
+        why_unseen_ = std::string("the picture is refused: ") + nameOf(observation.fault);
+      }
+      fitted_.insert(next.shape.tags.begin(), next.shape.tags.end());
+      measured_ = next.shape.tip;
+      stamp_ = next.stamp;
+      waiting_.pop_front();
+    }
   }
 
   void aim(std::int64_t turn) {
@@ -356,56 +303,52 @@ class FollowRun {
   }
 
   void disturb() {
-    const double time = lockstep_.time();
-    if (plan_.force && !pulled_ && time >= plan_.force->time) {
-      lockstep_.rig().setTipForce(plan_.force->force);
+    if (plan_.force && !pulled_ && time() >= plan_.force->time) {
+      seen_rig_.rig.setTipForce(plan_.force->force);
       pulled_ = true;
     }
     if (plan_.drift) {
-      const double part = (time - plan_.drift->begin) / plan_.drift->seconds;
-      lockstep_.vision().shift(std::clamp(part, 0.0, 1.0) * plan_.drift->pixels);
+      const double part = (time() - plan_.drift->begin) / plan_.drift->seconds;
+      seen_rig_.vision.shift(std::clamp(part, 0.0, 1.0) * plan_.drift->pixels);
     }
-    if (plan_.frozen) lockstep_.vision().freeze(plan_.frozen->contains(time));
+    if (plan_.frozen) seen_rig_.vision.freeze(plan_.frozen->contains(time()));
   }
 
   void record() {
-    const double time = lockstep_.time();
     const estimation::ExternalLoad& load = loop_.load();
     if (load.contact) {
       if (!touched_) {
-        out_.alarms.push_back({time, load.onset, load.force, load.covariance, load.normalised});
+        out_.alarms.push_back({time(), load.onset, load.force, load.covariance, load.normalised});
       }
       out_.alarms.back().force = load.force;
       out_.alarms.back().covariance = load.covariance;
     }
     touched_ = load.contact;
-    if (!lockstep_.suspects().suspects().empty()) out_.alarms.clear();
+    if (!suspects_.suspects().empty()) out_.alarms.clear();
     if (load.blind) out_.contact_blind += kTurn;
     const follow::Turn& turn = loop_.turn();
     addRow(turn, load.score);
     if (out_.states.empty() || out_.states.back().state != turn.state) {
-      out_.states.push_back({time, turn.state});
+      out_.states.push_back({time(), turn.state});
     }
-    out_.pictures = lockstep_.picturesAccepted();
-    const auto& moved = lockstep_.vision().moved();
-    if (moved && !out_.moved) out_.moved = {time, *moved};
+    const auto& moved = seen_rig_.vision.moved();
+    if (moved && !out_.moved) out_.moved = {time(), *moved};
   }
 
   void addRow(const follow::Turn& turn, double load_score) {
     FollowRow row;
-    row.time = lockstep_.time();
+    row.time = time();
     if (turn.commands) row.wanted = turn.wanted.translation;
-    row.true_tip = model::tipPose(lockstep_.rig().shape()).translation;
-    const auto& measured = lockstep_.measuredTip();
-    if (measured && measured->stamp > last_stamp_) {
-      row.measured = measured->tip.translation;
-      row.measured_time = last_stamp_ = measured->stamp;
+    row.true_tip = model::tipPose(seen_rig_.rig.shape()).translation;
+    if (stamp_ > last_stamp_) {
+      row.measured = measured_.translation;
+      row.measured_time = last_stamp_ = stamp_;
       if (const auto prediction = loop_.prediction()) {
         row.predicted_covariance = prediction->tip_covariance;
       }
     }
     if (turn.predicted) row.predicted = turn.predicted->translation;
-    row.pressure = lockstep_.rig().pressure();
+    row.pressure = seen_rig_.rig.pressure();
     row.state = turn.state;
     row.path_time = turn.path_time;
     row.unreachable = turn.commands && turn.status == statics::InverseStatus::kUnreachable;
@@ -416,11 +359,20 @@ class FollowRun {
 
   const io::Scene& scene_;
   const FollowPlan& plan_;
-  Lockstep lockstep_;
-  follow::VisualServo& loop_ = lockstep_.loop();
+  const double rate_;  // of the pictures [Hz]
   const std::int64_t turns_;
+  SeenRig seen_rig_;
+  control::SafetyCore core_;
+  follow::VisualServo loop_;
+  SuspectWatch suspects_;
+  std::int64_t steps_ = 0, pictures_ = 0;
+  Eigen::VectorXd reading_;
+  std::deque<Waiting> waiting_;
+  lie::SE3 measured_;                        // last measured tip
+  double stamp_ = -1.0, last_stamp_ = -1.0;  // of its picture, and of that in the last row [s]
+  std::set<int> fitted_;                     // indices of the tags in those pictures
+  std::string why_unseen_ = "no picture arrived in the time";  // of the last that was not accepted
   FollowResult out_;
-  double last_stamp_ = -1.0;  // of a measured tip
   bool pulled_ = false, touched_ = false;
 };
 
