@@ -1,6 +1,5 @@
 #include "calibration_checks.hpp"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -18,51 +17,6 @@ bool same(const Eigen::VectorXd& a, const Eigen::VectorXd& b) {
   return a.size() == b.size() && (a - b).cwiseAbs().maxCoeff() <= kSamePressure;
 }
 
-std::optional<std::string> faultOf(const Reading& reading, const ArmCaptures& arm) {
-  const auto tagFault = [&arm](int tag) -> std::optional<std::string> {
-    if (tag >= 0 && tag < static_cast<int>(arm.layout.tags.size())) return std::nullopt;
-    return messageOf("it has a tag of index ", tag, ", but the arm has ", arm.layout.tags.size());
-  };
-  if (const auto* curvature = std::get_if<CurvatureReading>(&reading)) {
-    if (arm.arm.sectionCount() != 1) {
-      return messageOf("a curvature applies to arms of one section, but the arm has ",
-                       arm.arm.sectionCount());
-    }
-    if (!(std::isfinite(curvature->curvature) && curvature->curvature >= 0)) {
-      return messageOf("its curvature is ", curvature->curvature,
-                       " rad; expected a finite value >= 0");
-    }
-  } else if (const auto* twists = std::get_if<TwistReading>(&reading)) {
-    const int entries = 6 * arm.arm.sectionCount();
-    if (twists->twists.size() != entries || twists->covariance.rows() != entries ||
-        twists->covariance.cols() != entries) {
-      return messageOf("its twists or their covariance are not those of ", arm.arm.sectionCount(),
-                       " sections");
-    }
-    if (!twists->twists.allFinite() || !twists->covariance.allFinite() ||
-        Eigen::LLT<Eigen::MatrixXd>(twists->covariance).info() != Eigen::Success) {
-      return std::string("its twists are not finite or their covariance is not positive definite");
-    }
-  } else if (const auto* poses = std::get_if<std::vector<PoseObservation>>(&reading)) {
-    for (const PoseObservation& seen : *poses) {
-      if (auto fault = tagFault(seen.tag)) return fault;
-      if (!seen.X_BT.translation.allFinite() || !seen.X_BT.rotation.allFinite()) {
-        return messageOf("the pose of tag ", arm.layout.tags[seen.tag].id, " is not finite");
-      }
-    }
-  } else {
-    for (const CornerObservation& seen : std::get<std::vector<CornerObservation>>(reading)) {
-      if (auto fault = tagFault(seen.tag)) return fault;
-      if (!seen.direction.allFinite()) {
-        return messageOf("a corner of tag ", arm.layout.tags[seen.tag].id, " is not finite");
-      }
-    }
-    const double focal = arm.camera.focal();
-    if (!(focal > 0)) return messageOf("the focal length is ", focal, " px; expected > 0");
-  }
-  return std::nullopt;
-}
-
 // @param first  capture whose kind of reading all others share.
 std::optional<std::string> faultOf(const Capture& capture, const ArmCaptures& arm,
                                    const Capture& first) {
@@ -73,15 +27,11 @@ std::optional<std::string> faultOf(const Capture& capture, const ArmCaptures& ar
   }
   for (int i = 0; i < capture.pressure.size(); ++i) {
     const model::Actuator& actuator = arm.arm.actuator(i);
-    if (!model::isPressure(actuator.drive)) {
-      return messageOf(arm.name, ": ", actuator.name, " is a tendon; expected pressures alone");
-    }
     if (actuator.limits.contains(capture.pressure[i])) continue;
     return messageOf(who, "the pressure of ", actuator.name, " is ", capture.pressure[i] / 1e3,
                      " kPa; expected its limits, ", actuator.limits.lower / 1e3, " to ",
                      actuator.limits.upper / 1e3);
   }
-  if (const auto fault = faultOf(capture.reading, arm)) return who + *fault;
   if (kindOf(first.reading) == kindOf(capture.reading)) return std::nullopt;
   return who +
          "has another kind of reading than the captures before it; calibrate with one kind at a "
