@@ -33,18 +33,6 @@ Calibration refused(Calibration so_far, const Verdict& verdict) {
   return so_far;
 }
 
-Selection wantedOf(const CalibrationOptions& options) {
-  Selection wanted = selectionOf(options);
-  if (wanted.free_shapes) {
-    wanted.stiffness.clear();
-    wanted.length_scale = LengthScaling::kNone;
-    for (const FitParameterInfo& info : fitParameters()) {
-      if (info.aboutShape() && info.block) wanted.own_blocks.erase(*info.block);
-    }
-  }
-  return wanted;
-}
-
 std::vector<Parameter> fittedParameters(const CalibrationFit& fit) {
   const std::vector<ParameterInfo>& infos = fit.problem->parameters();
   const Eigen::VectorXd values = fit.problem->vector();
@@ -86,7 +74,7 @@ void addFit(const CalibrationFit& fit, Calibration& out) {
         correlationOf(fit.covariance, fitted, static_cast<int>(out.parameters.size()));
   }
   CalibrationProblem& problem = *fit.problem;
-  if (!problem.selection().stiffness.empty()) out.stiffness = problem.stiffness();
+  if (!problem.selection().stiffness().empty()) out.stiffness = problem.stiffness();
   out.K_eps = problem.K_eps();
   out.length_scale = problem.lengthScale();
   out.spline = problem.spline();
@@ -160,7 +148,7 @@ void raiseErrors(const std::vector<ParameterInfo>& infos, const Eigen::VectorXd&
 // Whether the stiffness stays identified if any one pressure is left out.
 bool stiffnessHolds(const CalibrationProblem& problem, const Eigen::VectorXd& variance) {
   const std::vector<ParameterInfo>& infos = problem.parameters();
-  for (std::size_t i = 0; i < problem.selection().stiffness.size(); ++i) {
+  for (std::size_t i = 0; i < problem.selection().stiffness().size(); ++i) {
     if (!isIdentified(infos[i], variance[static_cast<Eigen::Index>(i)])) return false;
   }
   return true;
@@ -313,8 +301,7 @@ Calibration calibrate(const std::vector<ArmCaptures>& arms, const CalibrationOpt
   const auto check = [&](const CalibrationFit& one) {
     return leave_out ? leaveOut(read, groups, kind, options.robust_scale, one) : HeldOutVerdict();
   };
-  const Selection wanted = wantedOf(options);
-  const CalibrationFit fit = fitIdentified(read, options, wanted, kind, check);
+  const CalibrationFit fit = fitIdentified(read, options, selectionOf(options), kind, check);
   if (const auto verdict = unfinished(fit)) return refused(std::move(out), *verdict);
   addFit(fit, out);
   const std::vector<Comparison> comparisons = fit.problem->compare(fit.noise_scale);
@@ -358,7 +345,7 @@ std::optional<LeastTipError> fitLeastTipError(const std::vector<ArmCaptures>& ar
   const std::vector<ArmCaptures> read = withReadings(arms);
   if (unsound(read)) return std::nullopt;
   CalibrationOptions options;
-  options.K_gamma = false;
+  options.fit = {FitParameter::kKappa};
   if (unfit(read, options, kindOf(firstReading(read)))) return std::nullopt;
   CalibrationProblem problem(read, options, selectionOf(options));
   const auto errorAt = [&problem](double log_kappa) {

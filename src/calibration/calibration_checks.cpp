@@ -87,9 +87,8 @@ bool isEmpty(const Reading& reading) {
 
 template <class Holds>
 bool anyFitted(const CalibrationOptions& options, const Holds& holds) {
-  return std::any_of(
-      fitParameters().begin(), fitParameters().end(),
-      [&](const FitParameterInfo& info) { return isFitted(info, options) && holds(info); });
+  return std::any_of(options.fit.begin(), options.fit.end(),
+                     [&](FitParameter one) { return infoOf(one).block && holds(infoOf(one)); });
 }
 
 // "base, tags and border shift".
@@ -109,12 +108,9 @@ std::optional<std::string> unmet(const std::vector<ArmCaptures>& arms,
   // The others tell the shape without load.
   const bool loaded =
       std::any_of(arms.begin(), arms.end(), [](const ArmCaptures& arm) { return arm.isLoaded(); });
-  for (const FitParameterInfo& info : fitParameters()) {
-    if (info.need != FitNeed::kLoad || !isFitted(info, options) || loaded) continue;
-    return messageOf(info.word,
-                     " has an effect only under load; give the scene its `load`, with a tier that "
-                     "takes it into account, or do not fit ",
-                     info.word);
+  if (options.fits(FitParameter::kEps) && !loaded) {
+    return "K_eps has an effect only under load; give the scene its `load`, with a tier that takes "
+           "it into account, or do not fit K_eps";
   }
   if (!anyFitted(options, [](const FitParameterInfo&) { return true; })) {
     return "no parameter to fit was named; name at least one";
@@ -124,12 +120,12 @@ std::optional<std::string> unmet(const std::vector<ArmCaptures>& arms,
   if (rig && !tags) {
     return rigWords() + " need captures of tags; these are of curvatures or twists";
   }
-  for (const FitParameterInfo& info : fitParameters()) {
-    if (info.need != FitNeed::kCorners || !isFitted(info, options)) continue;
-    if (!isMet(info.need, kind)) return messageOf(info.word, " needs captures of tag corners");
+  if (options.fits(FitParameter::kBorderShift) && !isMet(FitNeed::kCorners, kind)) {
+    return "bleed needs captures of tag corners";
   }
   // White bleeds into black alike.
-  if ((options.base || options.tags) && arms.size() > 1) {
+  const bool placed = options.fits(FitParameter::kBase) || options.fits(FitParameter::kTags);
+  if (placed && arms.size() > 1) {
     return rigWords() + " belong to one rig; fit them for one arm at a time";
   }
   if (options.free_shapes && !tags) return "free shapes need captures of tags";
@@ -174,11 +170,10 @@ std::string inBar(const ArmCaptures& arm) {
 std::optional<std::string> unlike(const std::vector<ArmCaptures>& arms,
                                   const CalibrationOptions& options) {
   const bool ratios = anyFitted(options, [](const FitParameterInfo& info) {
-    return info.entry && info.entry != StiffnessEntry::kEps;
+    return info.isStiffness() && info.parameter != FitParameter::kEps;
   });
   const bool each =
-      options.length_scale == LengthScaling::kEach ||
-      anyFitted(options, [](const FitParameterInfo& info) { return info.eachActuator(); });
+      options.fits(FitParameter::kStrokeScaleEach) || options.fits(FitParameter::kLengthScaleEach);
   const model::Stiffness& first = arms.front().arm.actuator(0).stiffness;
   for (const ArmCaptures& arm : arms) {
     if (each && arm.arm.actuatorCount() != arms.front().arm.actuatorCount()) {
@@ -187,19 +182,18 @@ std::optional<std::string> unlike(const std::vector<ArmCaptures>& arms,
                        "; a scale per actuator needs the same number on every arm, a common "
                        "scale does not");
     }
-    if (options.contraction && arm.arm.hasTables()) {
+    if (options.fits(FitParameter::kContraction) && arm.arm.hasTables()) {
       return messageOf(arm.name,
                        ": K_kappa depends on pressure, which a length tells only on the scene's "
                        "curve: give K_kappa_m2 one number for a curve from captures");
     }
-    if ((options.length_scale != LengthScaling::kNone || options.stroke_scale) &&
-        arm.arm.hasTables()) {
+    if ((each || options.fits(FitParameter::kLengthScale)) && arm.arm.hasTables()) {
       return messageOf(arm.name,
                        ": K_kappa depends on pressure, which a length tells only at the scene's "
                        "scales: give K_kappa_m2 one number, or leave out length_scale, "
                        "length_scale_each and stroke_scale_each");
     }
-    if (options.K_eps) {
+    if (options.fits(FitParameter::kEps)) {
       if (const auto reason = unlikeEps(arm, arms.front())) return reason;
     }
     for (int i = 0; ratios && i < arm.arm.actuatorCount(); ++i) {

@@ -249,7 +249,7 @@ std::vector<Combination> combinationsOf(const std::vector<ArmCaptures>& arms,
                                         const CalibrationFit& fit, ReadingKind kind,
                                         const std::vector<Parameter>& reported,
                                         const std::vector<Jackknife>& left_out) {
-  if (!fit.asked || fit.asked->selection().stiffness.size() < 2) return {};
+  if (!fit.asked || fit.asked->selection().stiffness().size() < 2) return {};
   const Eigen::MatrixXd covariance = stiffnessErrors(arms, options, fit, kind);
   LogErrors errors;
   std::vector<int> kept;

@@ -48,19 +48,17 @@ Parameter heldParameter(const ParameterInfo& info) {
 // All parameters that affect the readings and could be fitted, requested or not, and the curve of
 // measured free lengths, except those that count as exact.
 Selection allOf(Selection wanted, const std::vector<ArmCaptures>& arms, ReadingKind kind) {
-  for (const FitParameterInfo& info : fitParameters()) {
-    if (!info.uncertainIfHeld() || !info.aboutRig() || arms.size() != 1) continue;
-    if (isMet(info.need, kind)) wanted.own_blocks.insert(*info.block);
-  }
-  if (wanted.free_shapes) return wanted;
-  wanted.curve = wanted.curve || arms.front().free_curve.has_value();
   Elasticity initial = ShapeModel(arms, {}).initial();
-  std::vector<StiffnessEntry>& entries = wanted.stiffness;
   for (const FitParameterInfo& info : fitParameters()) {
-    if (!info.uncertainIfHeld() || !info.entry) continue;
-    const bool asked = std::find(entries.begin(), entries.end(), *info.entry) != entries.end();
+    if (!info.uncertainIfHeld()) continue;
     // Entries that are absent from the scene stay absent.
-    if (!asked && entryOf(initial, *info.entry) > 0) entries.push_back(*info.entry);
+    const bool adds = info.isStiffness()
+                          ? !wanted.free_shapes && entryOf(initial, info.parameter) > 0
+                          : arms.size() == 1 && isMet(info.need, kind);
+    if (adds) wanted.fit.insert(info.parameter);
+  }
+  if (!wanted.free_shapes && arms.front().free_curve) {
+    wanted.fit.insert(FitParameter::kContraction);
   }
   return wanted;
 }
@@ -102,11 +100,7 @@ Eigen::MatrixXd withUncertaintyOfHeld(Eigen::MatrixXd covariance, const Calibrat
                                       const std::vector<ArmCaptures>& arms,
                                       const CalibrationOptions& options, const Selection& all,
                                       double noise_scale) {
-  const Selection& own = fitted.selection();
-  if (all.stiffness.size() == own.stiffness.size() && all.own_blocks == own.own_blocks &&
-      all.curve == own.curve) {
-    return covariance;
-  }
+  if (all.fit == fitted.selection().fit) return covariance;
   CalibrationProblem everything(arms, options, all);
   const std::vector<ParameterInfo>& infos = everything.parameters();
   const std::vector<int> places = placesAmong(fitted.parameters(), infos);
@@ -198,7 +192,7 @@ struct Candidate {
 };
 
 bool stiffnessIsIdentified(const CalibrationFit& fit) {
-  const auto entries = static_cast<std::ptrdiff_t>(fit.problem->selection().stiffness.size());
+  const auto entries = static_cast<std::ptrdiff_t>(fit.problem->selection().stiffness().size());
   return std::all_of(fit.identified.begin(), fit.identified.begin() + entries,
                      [](bool identified) { return identified; });
 }
@@ -219,7 +213,7 @@ Candidate candidateOf(const std::vector<ArmCaptures>& arms, const CalibrationOpt
   fit.determined = fit.determined && statistics.determined;
   fit.converged = fit.converged && fit.determined;
   fit.information = std::move(statistics.information);
-  const auto entries = static_cast<Eigen::Index>(selection.stiffness.size());
+  const auto entries = static_cast<Eigen::Index>(selection.stiffness().size());
   candidate.marginal = statistics.covariance.topLeftCorner(entries, entries);
   const std::vector<ParameterInfo>& infos = fit.problem->parameters();
   const auto judge = [&](const Eigen::MatrixXd& covariance) {
@@ -273,19 +267,14 @@ std::vector<Split> splitsOf(const Eigen::MatrixXd& information, double prior_var
   return splits;
 }
 
-bool hasOthers(const Selection& selection) {
-  return selection.length_scale != LengthScaling::kNone || !selection.own_blocks.empty() ||
-         selection.curve;
-}
-
 // Whether a parameter counts as exact, and could have been requested together with the others.
 bool canBeFittedAsWell(const FitParameterInfo& info, const std::vector<ArmCaptures>& arms,
                        CalibrationOptions options, ReadingKind kind) {
-  const bool scaled = info.scaling != LengthScaling::kNone;
-  if (!info.block || info.uncertainIfHeld() || isFitted(info, options)) return false;
-  if (scaled && options.length_scale != LengthScaling::kNone) return false;
-  if (info.flag != nullptr) options.*info.flag = true;
-  if (scaled) options.length_scale = info.scaling;
+  if (!info.block || info.uncertainIfHeld() || options.fits(info.parameter)) return false;
+  if (info.block == ParameterBlock::kLengthScale && selectionOf(options).has(*info.block)) {
+    return false;
+  }
+  options.fit.insert(info.parameter);
   return !unfit(arms, options, kind);
 }
 
@@ -303,9 +292,7 @@ struct HeldTest {
 HeldTest testHeld(const FitParameterInfo& info, const std::vector<ArmCaptures>& arms,
                   const CalibrationOptions& options, const CalibrationFit& fit, ReadingKind kind) {
   Selection all = allOf(fit.problem->selection(), arms, kind);
-  if (info.scaling != LengthScaling::kNone) all.length_scale = info.scaling;
-  if (info.entry) all.stiffness.push_back(*info.entry);
-  if (info.hasOwnBlock()) all.own_blocks.insert(*info.block);
+  all.fit.insert(info.parameter);
   CalibrationProblem everything(arms, options, all);
   everything.values() = valuesAmong(everything, *fit.problem);
   const std::vector<ParameterInfo>& infos = everything.parameters();
@@ -415,10 +402,11 @@ CalibrationFit fitIdentified(const std::vector<ArmCaptures>& arms,
   first.fit.asked_noise_scale = first.fit.noise_scale;
   const bool good = isGood(first.fit);
   if (first.fit.left_out) first.fit.asked_left_out = first.fit.left_out->jackknife;
-  if (good || wanted.stiffness.empty() || !first.fit.determined) return std::move(first.fit);
+  const std::vector<FitParameter> entries = wanted.stiffness();
+  if (good || entries.empty() || !first.fit.determined) return std::move(first.fit);
   const std::vector<ParameterInfo> infos = first.fit.problem->parameters();
-  const auto hold = [&infos, &wanted](CalibrationFit& fit, const std::vector<int>& fitted) {
-    for (int e = 0; e < static_cast<int>(wanted.stiffness.size()); ++e) {
+  const auto hold = [&](CalibrationFit& fit, const std::vector<int>& fitted) {
+    for (int e = 0; e < static_cast<int>(entries.size()); ++e) {
       const bool stays = std::find(fitted.begin(), fitted.end(), e) == fitted.end();
       if (stays) fit.held.push_back(heldParameter(infos[e]));
     }
@@ -429,10 +417,10 @@ CalibrationFit fitIdentified(const std::vector<ArmCaptures>& arms,
   CalibrationFit last = std::move(first.fit);
   for (const Split& split :
        splitsOf(inverseOf(first.marginal), options.stiffness_prior * options.stiffness_prior)) {
-    if (split.fitted.empty() && !hasOthers(wanted)) break;
+    if (split.fitted.empty() && !wanted.hasOtherThanStiffness()) break;
     Selection selection = wanted;
-    selection.stiffness.clear();
-    for (const int e : split.fitted) selection.stiffness.push_back(wanted.stiffness[e]);
+    for (const FitParameter one : entries) selection.fit.erase(one);
+    for (const int e : split.fitted) selection.fit.insert(entries[static_cast<std::size_t>(e)]);
     CalibrationFit fit = candidateOf(arms, options, selection, all, bias).fit;
     fit.asked = asked;
     fit.asked_noise_scale = asked_noise_scale;
@@ -492,7 +480,8 @@ double usualScale(const std::vector<ArmCaptures>& read, const CalibrationOptions
       if (std::isfinite(change)) added += change / 2;
     }
   };
-  const bool places = !options.tags && isMet(FitNeed::kTags, kindOf(firstReading(read)));
+  const bool places =
+      !options.fits(FitParameter::kTags) && isMet(FitNeed::kTags, kindOf(firstReading(read)));
   for (int axis = 0; axis < 3 && places; ++axis) {
     add([&](double sign, ArmCaptures& arm) {
       for (TagPlacement& tag : arm.layout.tags) {

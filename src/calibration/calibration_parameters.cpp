@@ -39,8 +39,7 @@ std::string membersOf(FitGroup group) {
 }  // namespace
 
 bool FitParameterInfo::aboutShape() const {
-  return block == ParameterBlock::kStiffness || block == ParameterBlock::kLengthScale ||
-         eachActuator();
+  return isStiffness() || block == ParameterBlock::kLengthScale || eachActuator();
 }
 
 bool FitParameterInfo::aboutRig() const {
@@ -48,36 +47,32 @@ bool FitParameterInfo::aboutRig() const {
 }
 
 bool FitParameterInfo::uncertainIfHeld() const {
-  return (entry && entry != StiffnessEntry::kEps) || block == ParameterBlock::kTag ||
+  return (isStiffness() && parameter != FitParameter::kEps) || block == ParameterBlock::kTag ||
          block == ParameterBlock::kBorderShift;
 }
 
 const std::vector<FitParameterInfo>& fitParameters() {
   using P = FitParameter;
   using Block = ParameterBlock;
-  using Entry = StiffnessEntry;
   constexpr FitGroup kNone = FitGroup::kNone, kRatio = FitGroup::kStiffness;
   constexpr FitGroup kPlacement = FitGroup::kPlacement;
   constexpr FitNeed kArm = FitNeed::kArm, kSeries = FitNeed::kSeries;
-  constexpr std::optional<Entry> kNoEntry;
   const auto one = [](const char* unit, FitPrior prior) {
     return std::vector<FitNumber>{{"", unit, prior}};
   };
   static const std::vector<FitParameterInfo> kTable{
-      {P::kKappa, "K_kappa", "K_kappa", kRatio, kArm, Block::kStiffness, Entry::kKappa,
-       one("m^2", stiffnessPrior), &Options::K_kappa},
-      {P::kGamma, "K_gamma", "K_gamma", kRatio, kArm, Block::kStiffness, Entry::kGamma,
-       one("", stiffnessPrior), &Options::K_gamma},
-      {P::kTau, "K_tau", "K_tau", kNone, kArm, Block::kStiffness, Entry::kTau,
-       one("m^2", stiffnessPrior), &Options::K_tau},
-      {P::kEps, "K_eps", "K_eps", kNone, FitNeed::kLoad, Block::kStiffness, Entry::kEps,
-       one("N", stiffnessPrior), &Options::K_eps},
-      {P::kLengthScale, "length_scale", "length_scale", kNone, kArm, Block::kLengthScale, kNoEntry,
-       one("", lengthScalePrior), nullptr, LengthScaling::kCommon},
+      {P::kKappa, "K_kappa", "K_kappa", kRatio, kArm, Block::kStiffness,
+       one("m^2", stiffnessPrior)},
+      {P::kGamma, "K_gamma", "K_gamma", kRatio, kArm, Block::kStiffness, one("", stiffnessPrior)},
+      {P::kTau, "K_tau", "K_tau", kNone, kArm, Block::kStiffness, one("m^2", stiffnessPrior)},
+      {P::kEps, "K_eps", "K_eps", kNone, FitNeed::kLoad, Block::kStiffness,
+       one("N", stiffnessPrior)},
+      {P::kLengthScale, "length_scale", "length_scale", kNone, kArm, Block::kLengthScale,
+       one("", lengthScalePrior)},
       {P::kLengthScaleEach, "length_scale_each", "length_scale", kNone, kArm, Block::kLengthScale,
-       kNoEntry, one("", lengthScalePrior), nullptr, LengthScaling::kEach},
+       one("", lengthScalePrior)},
       {P::kStrokeScaleEach, "stroke_scale_each", "stroke_scale", kNone, kArm, Block::kStrokeScale,
-       kNoEntry, one("", strokeScalePrior), &Options::stroke_scale},
+       one("", strokeScalePrior)},
       {P::kContraction, "contraction", "contraction", kNone, FitNeed::kFreeLengths},
       {P::kResponse, "response", "response", kNone, kSeries},
       {P::kMode, "mode", "mode", kNone, kSeries},
@@ -85,12 +80,12 @@ const std::vector<FitParameterInfo>& fitParameters() {
       {P::kDamping, "damping", "damping", kNone, kSeries},
       {P::kRingRadius, "ring_radius", "ring_radius", kNone, kSeries},
       {P::kRingPhase, "ring_phase", "ring_phase", kNone, kSeries},
-      {P::kBase, "base", "base", kPlacement, FitNeed::kTags, Block::kBase, kNoEntry,
-       poseNumbers("_x", baseTranslation, baseRotation), &Options::base},
-      {P::kTags, "tags", "tag", kPlacement, FitNeed::kTags, Block::kTag, kNoEntry,
-       poseNumbers("_along", tagTranslation, tagRotation), &Options::tags},
+      {P::kBase, "base", "base", kPlacement, FitNeed::kTags, Block::kBase,
+       poseNumbers("_x", baseTranslation, baseRotation)},
+      {P::kTags, "tags", "tag", kPlacement, FitNeed::kTags, Block::kTag,
+       poseNumbers("_along", tagTranslation, tagRotation)},
       {P::kBorderShift, "bleed", "bleed", kPlacement, FitNeed::kCorners, Block::kBorderShift,
-       kNoEntry, one("m", borderShiftPrior), &Options::border_shift}};
+       one("m", borderShiftPrior)}};
   return kTable;
 }
 
@@ -144,21 +139,6 @@ std::set<FitParameter> fitParametersOf(const std::vector<std::string>& words, bo
     if (asked.count(info.word) > 0 || (by_group && met)) out.insert(info.parameter);
   }
   return out;
-}
-
-void setFitted(const std::set<FitParameter>& parameters, CalibrationOptions& options) {
-  options.length_scale = LengthScaling::kNone;
-  for (const FitParameterInfo& info : fitParameters()) {
-    const bool fitted = parameters.count(info.parameter) > 0;
-    if (info.flag != nullptr) options.*info.flag = fitted;
-    // The last request wins: per actuator rather than one scale for all.
-    if (info.scaling != LengthScaling::kNone && fitted) options.length_scale = info.scaling;
-  }
-}
-
-bool isFitted(const FitParameterInfo& info, const CalibrationOptions& options) {
-  if (info.flag != nullptr) return options.*info.flag;
-  return info.scaling != LengthScaling::kNone && options.length_scale == info.scaling;
 }
 
 }  // namespace helix_arm::estimation

@@ -269,10 +269,7 @@ Eigen::VectorXd CalibrationProblem::priorInformation() const {
 }
 
 std::optional<double> CalibrationProblem::K_eps() const {
-  const std::vector<StiffnessEntry>& fitted = selection().stiffness;
-  if (std::find(fitted.begin(), fitted.end(), StiffnessEntry::kEps) == fitted.end()) {
-    return std::nullopt;
-  }
+  if (selection().fit.count(FitParameter::kEps) == 0) return std::nullopt;
   return elasticity().K_eps;
 }
 

@@ -2,19 +2,12 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <iterator>
 #include <stdexcept>
 #include <utility>
 
 namespace helix_arm::estimation {
 namespace {
-
-template <class Holds>
-const FitParameterInfo& infoWhere(const Holds& holds) {
-  const std::vector<FitParameterInfo>& table = fitParameters();
-  const auto found = std::find_if(table.begin(), table.end(), holds);
-  if (found == table.end()) throw std::logic_error("fitParameters() lacks a parameter");
-  return *found;
-}
 
 // Names of the numbers of a block, without their suffixes.
 // @param arm  which has a number for each actuator; null: there is one.
@@ -42,37 +35,32 @@ auto* dataOf(const ParameterBlocks::Block& block, AnyValues& values) {
 
 bool Selection::has(ParameterBlock block) const {
   if (block == ParameterBlock::kShape) return free_shapes;
-  if (block == ParameterBlock::kStiffness) return !free_shapes && !stiffness.empty();
-  if (block == ParameterBlock::kLengthScale) {
-    return !free_shapes && length_scale != LengthScaling::kNone;
-  }
-  if (block == ParameterBlock::kCurve) return !free_shapes && curve;
-  return own_blocks.count(block) > 0;
+  if (block == ParameterBlock::kCurve) return fit.count(FitParameter::kContraction) > 0;
+  return std::any_of(fit.begin(), fit.end(),
+                     [block](FitParameter one) { return infoOf(one).block == block; });
+}
+
+bool Selection::hasOtherThanStiffness() const { return fit.size() > stiffness().size(); }
+
+std::vector<FitParameter> Selection::stiffness() const {
+  std::vector<FitParameter> out;
+  std::copy_if(fit.begin(), fit.end(), std::back_inserter(out),
+               [](FitParameter one) { return infoOf(one).isStiffness(); });
+  return out;
 }
 
 Selection selectionOf(const CalibrationOptions& options) {
-  Selection selection;
-  for (const FitParameterInfo& info : fitParameters()) {
-    if (!isFitted(info, options)) continue;
-    if (info.entry) selection.stiffness.push_back(*info.entry);
-    if (info.hasOwnBlock()) selection.own_blocks.insert(info.block.value());
+  Selection selection{{}, options.free_shapes};
+  for (const FitParameter one : options.fit) {
+    const bool of_rig = infoOf(one).aboutRig();
+    if (of_rig || !options.free_shapes) selection.fit.insert(one);
   }
-  selection.length_scale = options.length_scale;
-  selection.free_shapes = options.free_shapes;
-  selection.curve = options.contraction;
   return selection;
 }
 
 int lengthScales(const Selection& selection, const model::Arm& arm) {
-  switch (selection.length_scale) {
-    case LengthScaling::kNone:
-      return 0;
-    case LengthScaling::kCommon:
-      return 1;
-    case LengthScaling::kEach:
-      break;
-  }
-  return arm.actuatorCount();
+  if (selection.fit.count(FitParameter::kLengthScaleEach) > 0) return arm.actuatorCount();
+  return selection.has(ParameterBlock::kLengthScale) ? 1 : 0;
 }
 
 ParameterBlocks::ParameterBlocks(const std::vector<ArmCaptures>& arms,
@@ -80,13 +68,12 @@ ParameterBlocks::ParameterBlocks(const std::vector<ArmCaptures>& arms,
                                  const ShapeModel& model) {
   const ArmCaptures& first = arms.front();
   const std::vector<TagPlacement>& tags = first.layout.tags;
-  values_.stiffness.setZero(static_cast<Eigen::Index>(selection.stiffness.size()));
+  values_.stiffness.setZero(static_cast<Eigen::Index>(selection.stiffness().size()));
   values_.length_scale.setZero(lengthScales(selection, first.arm));
   values_.tags.assign(tags.size(), lie::Vector6::Zero());
   if (selection.has(ParameterBlock::kStiffness)) addStiffness(options, selection, model);
   if (selection.has(ParameterBlock::kLengthScale)) {
-    const FitParameterInfo& info =
-        infoWhere([&selection](const auto& one) { return one.scaling == selection.length_scale; });
+    const FitParameterInfo& info = infoOf(FitParameter::kLengthScale);
     const bool each = values_.length_scale.size() > 1;
     addNumbers(info, options, 0, namesOf(info, each ? &first.arm : nullptr));
   }
@@ -138,9 +125,8 @@ void ParameterBlocks::addStiffness(const CalibrationOptions& options, const Sele
                                    const ShapeModel& model) {
   Elasticity initial = model.initial();
   std::vector<ParameterInfo> infos;
-  for (const StiffnessEntry entry : selection.stiffness) {
-    const FitParameterInfo& info =
-        infoWhere([entry](const auto& one) { return one.entry == entry; });
+  for (const FitParameter entry : selection.stiffness()) {
+    const FitParameterInfo& info = infoOf(entry);
     const FitNumber& number = info.numbers.front();
     infos.push_back({info.name, number.unit, number.prior(options), true, model.referenceOf(entry),
                      entryOf(initial, entry), true});

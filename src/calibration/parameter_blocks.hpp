@@ -14,16 +14,15 @@ namespace helix_arm::estimation {
 
 /// Which parameters are free.
 struct Selection {
-  std::vector<StiffnessEntry> stiffness;
-  LengthScaling length_scale = LengthScaling::kNone;
-  std::set<ParameterBlock> own_blocks;  ///< of FitParameterInfo::hasOwnBlock() that are fitted
+  std::set<FitParameter> fit;  ///< see CalibrationOptions::fit
   bool free_shapes = false;
-  bool curve = false;  ///< of the arms' FreeCurve
 
   bool has(ParameterBlock block) const;
+  bool hasOtherThanStiffness() const;
+  std::vector<FitParameter> stiffness() const;  ///< entries of the stiffness among them
 };
 
-/// All requested parameters.
+/// All requested parameters; with free shapes, only those of the rig.
 Selection selectionOf(const CalibrationOptions& options);
 
 /// Number of length scales.

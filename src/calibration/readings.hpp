@@ -36,7 +36,7 @@ struct Shared {
         options(wanted),
         selection(chosen),
         states(statesOf(all)),
-        model(states, chosen.stiffness),
+        model(states, chosen.stiffness()),
         held_tag(all.front().layout.baseTag()) {
     expected.corner_noise = options.corner_noise;
     expected.position_noise = options.position_noise;

@@ -307,7 +307,7 @@ FaultHypothesis moveOf(const std::string& subject) {
   };
   FaultHypothesis out{subject + "_moved", "the " + subject, remedy};
   out.correct_scene = [](double, CalibrationInput& input) {
-    input.options.base = true;
+    input.options.fit.insert(FitParameter::kBase);
     input.options.base_prior = kMovedBase;
   };
   out.freed = 6;
@@ -327,7 +327,7 @@ FaultHypothesis lengthsOf(const model::Arm& arm) {
   };
   FaultHypothesis out{"muscle_length", "", remedy};
   out.correct_scene = [](double, CalibrationInput& input) {
-    input.options.length_scale = LengthScaling::kEach;
+    input.options.fit.insert(FitParameter::kLengthScaleEach);
     input.options.length_scale_prior = kCutLength;
   };
   out.freed = arm.actuatorCount();
@@ -369,10 +369,11 @@ std::vector<FaultHypothesis> rigHypotheses(const ArmCaptures& arm,
   // Positions alone do not show how a tag is turned.
   if (corners || (tags && options.rotation_noise > 0)) addTurns(arm, out);
   if (corners) addPictures(arm, out);
-  if (tags && !options.base) out.push_back(moveOf(corners ? "camera" : "base"));
+  if (tags && !options.fits(FitParameter::kBase))
+    out.push_back(moveOf(corners ? "camera" : "base"));
   // Shapes that are free follow any lengths and loads.
   if (options.free_shapes) return out;
-  if (options.length_scale != LengthScaling::kEach && !options.contraction) {
+  if (!options.fits(FitParameter::kLengthScaleEach) && !options.fits(FitParameter::kContraction)) {
     out.push_back(lengthsOf(arm.arm));
   }
   if (arm.isLoaded()) addLoads(out);

@@ -79,7 +79,7 @@ class SeriesJob {
         X_FB_(prior.X_BF.inverse()),
         blocks_(recording.trial_at, recording.trials),
         few_(everyNth((recording.used.size() + kMostChoosing - 1) / kMostChoosing)) {
-    if (options_.arm.base) chooseBase();
+    if (options_.arm.fits(FitParameter::kBase)) chooseBase();
   }
 
   SeriesFit run() const {
@@ -115,7 +115,7 @@ class SeriesJob {
   // Whether K_kappa can depend on pressure, and does not yet.
   bool mayGrow() const {
     const model::Arm& arm = prior_.model.arm();
-    bool out = options_.arm.K_kappa;
+    bool out = options_.arm.fits(FitParameter::kKappa);
     for (int k = 0; k < arm.sectionCount(); ++k) {
       out &= arm.bending(k).empty() && arm.needForTables(k) == nullptr;
     }
@@ -204,12 +204,13 @@ class SeriesJob {
   std::vector<std::pair<const char*, bool SeriesForm::*>> parts() const {
     std::vector<std::pair<const char*, bool SeriesForm::*>> out;
     if (options_.response) out.emplace_back("play", &SeriesForm::play);
-    if (options_.arm.stroke_scale) out.emplace_back("strokes", &SeriesForm::strokes);
-    if (options_.arm.length_scale == LengthScaling::kEach) {
+    if (options_.arm.fits(FitParameter::kStrokeScaleEach))
+      out.emplace_back("strokes", &SeriesForm::strokes);
+    if (options_.arm.fits(FitParameter::kLengthScaleEach)) {
       out.emplace_back("length scales", &SeriesForm::scales);
     }
     if (options_.phases) out.emplace_back("phases", &SeriesForm::phases);
-    if (recording_.lever > 0 && options_.arm.base) {
+    if (recording_.lever > 0 && options_.arm.fits(FitParameter::kBase)) {
       out.emplace_back("place of the body", &SeriesForm::body);
     }
     if (mayGrow()) {
@@ -371,18 +372,21 @@ class SeriesJob {
     const SeriesModel now = problem.decode(fit.at.z);
     reportNumbers(fit, now, out);
     const CalibrationOptions& arm = options_.arm;
-    if (arm.K_kappa || arm.K_gamma || arm.K_tau) {
+    if (arm.fits(FitParameter::kKappa) || arm.fits(FitParameter::kGamma) ||
+        arm.fits(FitParameter::kTau)) {
       out.stiffness = now.model.arm().actuator(0).stiffness;
     }
     if (!now.bending.empty()) out.bending = now.bending;
-    if (arm.K_eps) out.K_eps = now.model.load()->K_eps.front();
+    if (arm.fits(FitParameter::kEps)) out.K_eps = now.model.load()->K_eps.front();
     if (!carriesLoad(prior_)) {
       out.rules.push_back(
           "K_eps: the arm of the series carries no load, so that the data cannot tell how far a "
           "load moves it; fit K_eps to a series with a load before predictions with one");
     }
-    if (arm.length_scale != LengthScaling::kNone) out.length_scale = now.scale;
-    if (arm.stroke_scale) out.stroke_scale = now.stroke;
+    if (arm.fits(FitParameter::kLengthScale) || arm.fits(FitParameter::kLengthScaleEach)) {
+      out.length_scale = now.scale;
+    }
+    if (arm.fits(FitParameter::kStrokeScaleEach)) out.stroke_scale = now.stroke;
     if (options_.ring_radius) out.ring_radius = now.radius;
     if (options_.ring_phase || fit.form.phases) out.ring_phase = phasesOf(now);
     if (recording_.lever > 0 && arm.rotation_noise == 0) {
@@ -392,7 +396,8 @@ class SeriesJob {
           "which it moves as the arm bends; the scene's vision.tag_rotation_noise_deg beside "
           "tag_position_noise_m states another weight"));
     }
-    if (options_.ring_phase && arm.base && !(recording_.lever > 0 && prior_.R_TM)) {
+    if (options_.ring_phase && arm.fits(FitParameter::kBase) &&
+        !(recording_.lever > 0 && prior_.R_TM)) {
       out.rules.push_back(
           "ring_phase_1: a turn of the base about the arm's axis moves the tip alike; the base has "
           "it");
@@ -462,7 +467,7 @@ class SeriesJob {
       out.rules.push_back(one.name + ": the data cannot tell " + one.untold +
                           "; held near its start by its prior");
     }
-    if (options_.arm.contraction && recording_.lever == 0) {
+    if (options_.arm.fits(FitParameter::kContraction) && recording_.lever == 0) {
       out.rules.push_back(
           "contraction: an actuator lengthens or shortens under pressure as in the scene, since an "
           "arm of the other kind, turned by half a turn, moves alike");
@@ -501,7 +506,7 @@ std::string beyondSeries(const model::Arm& arm, const SeriesRecording& recording
 // Why nothing can be fitted; empty if it can.
 std::string faultOf(const SeriesPrior& prior, const SeriesRecording& recording,
                     const SeriesOptions& options) {
-  if (options.arm.K_eps && !carriesLoad(prior)) {
+  if (options.arm.fits(FitParameter::kEps) && !carriesLoad(prior)) {
     return "K_eps shows under a load alone, but the scene has none; expected one with a load, or a "
            "fit without K_eps";
   }
@@ -527,7 +532,7 @@ std::string faultOf(const SeriesPrior& prior, const SeriesRecording& recording,
         1e-3 * limits.lower, " to ", 1e-3 * limits.upper,
         " kPa of the first actuator; check the unit of the pressures, and move one at least");
   }
-  if (options.arm.contraction) {
+  if (options.arm.fits(FitParameter::kContraction)) {
     if (std::string fault = beyondSeries(prior.model.arm(), recording); !fault.empty())
       return fault;
   }
@@ -613,7 +618,7 @@ SeriesFit fitSeries(const SeriesPrior& prior, const TipSeries& series,
   const SeriesJob positions(prior, alone, options);
   if (recording.lever == 0) {
     SeriesFit out = positions.run();
-    if (isPlanar(prior) || !options.arm.base) return out;
+    if (isPlanar(prior) || !options.arm.fits(FitParameter::kBase)) return out;
     const SeriesPrior mirror = mirrored(prior);
     if (SeriesJob(mirror, alone, options).motion().error < kOther * positions.motion().error)
       out.order_fault = kOtherSense;
@@ -630,7 +635,7 @@ SeriesFit fitSeries(const SeriesPrior& prior, const TipSeries& series,
 SeriesComparison compareSeries(const SeriesPrior& arm, const TipSeries& series) {
   const SeriesRecording recording(arm.model.arm(), series, series.history.rows(), 1.0);
   SeriesOptions none;
-  none.arm.K_kappa = none.arm.K_gamma = false;
+  none.arm.fit.clear();
   const SeriesProblem problem(arm, recording, none, {}, arm.X_BF.inverse());
   SeriesComparison out;
   out.rows = recording.used;

@@ -344,7 +344,7 @@ SeriesProblem::SeriesProblem(const SeriesPrior& prior, const SeriesRecording& re
          [i](SeriesModel& m) -> double& { return m.shift[i]; },
          "place of the body and the shape at rest"});
   }
-  if (options.arm.base && prior.beam) addBeam();
+  if (options.arm.fits(FitParameter::kBase) && prior.beam) addBeam();
 }
 
 void SeriesProblem::addArm() {
@@ -366,21 +366,21 @@ void SeriesProblem::addArm() {
       factor(name + std::to_string(i + 1), "", prior, entry, untold);
     }
   };
-  if (arm.K_kappa) stiffness("K_kappa", "m^2", &model::Stiffness::kappa);
+  if (arm.fits(FitParameter::kKappa)) stiffness("K_kappa", "m^2", &model::Stiffness::kappa);
   if (form_.grows()) {
     factor("K_kappa_growth", "", form_.others ? kOthersPrior : kGrowthPrior, &SeriesModel::growth);
   }
-  if (arm.K_gamma) {
+  if (arm.fits(FitParameter::kGamma)) {
     stiffness("K_gamma", "", &model::Stiffness::gamma,
               "shear stiffness of actuators along the arm, which nothing shows");
   }
-  if (arm.K_tau) stiffness("K_tau", "m^2", &model::Stiffness::tau);
-  if (arm.K_eps) {
+  if (arm.fits(FitParameter::kTau)) stiffness("K_tau", "m^2", &model::Stiffness::tau);
+  if (arm.fits(FitParameter::kEps)) {
     factor("K_eps", "N", arm.stiffness_prior, &SeriesModel::K_eps, nullptr,
            prior_.model.load()->K_eps.front());
   }
   const char* const scales = "length scales of actuators that hardly move, and bend at rest";
-  if (arm.length_scale == LengthScaling::kCommon) {
+  if (arm.fits(FitParameter::kLengthScale)) {
     factor("length_scale", "", arm.length_scale_prior, &SeriesModel::common_scale, scales);
   }
   const int actuators = prior_.model.arm().actuatorCount();
@@ -394,7 +394,8 @@ void SeriesProblem::addArm() {
 }
 
 void SeriesProblem::addCurves() {
-  for (std::size_t c = 0; options_.arm.contraction && c < recording_.curves.size(); ++c) {
+  for (std::size_t c = 0;
+       options_.arm.fits(FitParameter::kContraction) && c < recording_.curves.size(); ++c) {
     const SeriesRecording::Curve& curve = recording_.curves[c];
     for (std::size_t j = 0; curve.free && j < curve.knots.size(); ++j) {
       const double prior = j == 0   ? options_.arm.length_scale_prior
@@ -412,14 +413,14 @@ void SeriesProblem::addPlaces() {
   const CalibrationOptions& arm = options_.arm;
   for (int k = 0; options_.ring_phase && k < prior_.model.arm().sectionCount(); ++k) {
     const bool told = recording_.lever > 0 && prior_.R_TM;
-    if (k == 0 && arm.base && !told) continue;  // the base has it
+    if (k == 0 && arm.fits(FitParameter::kBase) && !told) continue;  // the base has it
     add({SeriesNumber::kArm, SeriesNumber::kItself, "ring_phase_" + std::to_string(k + 1), "rad",
          arm.base_prior.rotation, [k](SeriesModel& m) -> double& { return m.phase[k]; },
          "phase of a ring, of which only actuators that move tell"});
   }
   if (form_.phases) addPhases();
   static const char* const kEntries[] = {"x", "y", "z", "rx", "ry", "rz"};
-  for (int i = 0; arm.base && i < 6; ++i) {
+  for (int i = 0; arm.fits(FitParameter::kBase) && i < 6; ++i) {
     const bool turn = i >= 3;
     add({SeriesNumber::kBase, SeriesNumber::kItself, std::string("base_") + kEntries[i],
          turn ? "rad" : "m",
@@ -566,7 +567,7 @@ void SeriesProblem::setContractions(SeriesModel& out) const {
   std::vector<std::optional<model::Contraction>> fitted(out.lengths.size());
   for (std::size_t c = 0; c < fitted.size(); ++c) {
     const SeriesRecording::Curve& curve = recording_.curves[c];
-    if (!options_.arm.contraction || !curve.free) continue;
+    if (!options_.arm.fits(FitParameter::kContraction) || !curve.free) continue;
     std::vector<double>& lengths = out.lengths[c];
     for (std::size_t j = 0; j < curve.knots.size(); ++j) {
       const double before = j == 0 ? 0.0 : curve.lengths[j - 1];

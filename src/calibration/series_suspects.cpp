@@ -92,9 +92,9 @@ std::vector<Suspect> suspectsOf(const SeriesPrior& prior, const TipSeries& serie
                searched ? kPriceOfSize : 0);
     }
   }
-  if (!options.arm.base) {
+  if (!options.arm.fits(FitParameter::kBase)) {
     SeriesOptions free = options;
-    free.arm.base = true;
+    free.arm.fit.insert(FitParameter::kBase);
     const SeriesFit found = fitSeries(prior, series, free);
     if (found.failure.empty()) {
       consider({"frame_of_positions", "all positions", 0,

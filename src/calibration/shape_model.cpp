@@ -18,8 +18,8 @@ constexpr double kLikelyBending = 0.2;
 int count(const model::Arm& arm, int k) { return arm.firstActuator(k + 1) - arm.firstActuator(k); }
 
 // Component of an actuator's stiffness, as ActuatorChange counts it.
-int componentOf(StiffnessEntry entry) {
-  return entry == StiffnessEntry::kGamma ? 0 : entry == StiffnessEntry::kTau ? 1 : 2;
+int componentOf(FitParameter entry) {
+  return entry == FitParameter::kGamma ? 0 : entry == FitParameter::kTau ? 1 : 2;
 }
 
 // Change of the pieces' twists, all in one column.
@@ -41,15 +41,15 @@ bool isAlike(const model::Arm& arm) {
 
 }  // namespace
 
-double& entryOf(Elasticity& elasticity, StiffnessEntry entry) {
+double& entryOf(Elasticity& elasticity, FitParameter entry) {
   switch (entry) {
-    case StiffnessEntry::kKappa:
+    case FitParameter::kKappa:
       return elasticity.ratios.kappa;
-    case StiffnessEntry::kGamma:
+    case FitParameter::kGamma:
       return elasticity.ratios.gamma;
-    case StiffnessEntry::kEps:
+    case FitParameter::kEps:
       return elasticity.K_eps;
-    case StiffnessEntry::kTau:
+    default:
       break;
   }
   return elasticity.ratios.tau;
@@ -67,7 +67,7 @@ std::vector<ArmCaptures> statesOf(const std::vector<ArmCaptures>& arms) {
 }
 
 ShapeModel::ShapeModel(const std::vector<ArmCaptures>& arms,
-                       const std::vector<StiffnessEntry>& fitted)
+                       const std::vector<FitParameter>& fitted)
     : arms_(arms), fitted_(fitted), points_(arms.size()) {
   const ArmCaptures& first = arms.front();
   initial_.ratios = first.arm.actuator(0).stiffness;
@@ -156,7 +156,7 @@ void ShapeModel::differentiate(const model::Arm& arm, const Eigen::VectorXd& len
       }
       Elasticity stiffness{arm.actuator(i).stiffness, 0};
       for (int e = 0; e < size(); ++e) {
-        if (fitted_[e] == StiffnessEntry::kEps) continue;  // which acts under load alone
+        if (fitted_[e] == FitParameter::kEps) continue;  // which acts under load alone
         const int column = change.stiffnessColumn(k, i, componentOf(fitted_[e])) - change.first(k);
         out.by_stiffness.block<6, 1>(6 * piece, e) +=
             entryOf(stiffness, fitted_[e]) * by.col(column);
@@ -167,8 +167,8 @@ void ShapeModel::differentiate(const model::Arm& arm, const Eigen::VectorXd& len
 
 ShapeModel::Statics ShapeModel::staticsAt(const ArmCaptures& data,
                                           const Eigen::VectorXd& logs) const {
-  const bool fits_ratios = std::any_of(fitted_.begin(), fitted_.end(), [](StiffnessEntry entry) {
-    return entry != StiffnessEntry::kEps;
+  const bool fits_ratios = std::any_of(fitted_.begin(), fitted_.end(), [](FitParameter entry) {
+    return entry != FitParameter::kEps;
   });
   // An entry of 0 can only change if all actuators have the same ratios.
   const Elasticity factors = elasticityAt(logs.data(), {{1, 1, 1}, 1});

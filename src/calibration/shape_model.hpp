@@ -15,7 +15,8 @@ struct Elasticity {
   model::Stiffness ratios;
   double K_eps = 0;  ///< [N]; 0 without load
 };
-double& entryOf(Elasticity& elasticity, StiffnessEntry entry);
+/// @param entry  of the stiffness.
+double& entryOf(Elasticity& elasticity, FitParameter entry);
 
 /// The arms without captures, then each of them under what hangs on it in one of its captures.
 std::vector<ArmCaptures> statesOf(const std::vector<ArmCaptures>& arms);
@@ -33,9 +34,9 @@ struct LinearisedShape {
 /// without load, central differences of solutions under load.
 class ShapeModel {
  public:
-  ShapeModel(const std::vector<ArmCaptures>& arms, const std::vector<StiffnessEntry>& fitted);
+  ShapeModel(const std::vector<ArmCaptures>& arms, const std::vector<FitParameter>& fitted);
 
-  double referenceOf(StiffnessEntry entry) const {
+  double referenceOf(FitParameter entry) const {
     Elasticity reference = reference_;
     return entryOf(reference, entry);
   }
@@ -72,7 +73,7 @@ class ShapeModel {
                        LinearisedShape& out) const;
 
   const std::vector<ArmCaptures>& arms_;
-  const std::vector<StiffnessEntry> fitted_;
+  const std::vector<FitParameter> fitted_;
   Elasticity initial_, reference_;
   Eigen::VectorXd at_;
   bool has_changes_ = false;

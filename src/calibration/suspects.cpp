@@ -143,12 +143,12 @@ class Diagnosis {
     before_ = given.value_or(Quality{kNoFit, static_cast<int>(kNoFit)});
     // A wrong tag size is taken up by the border shift, and a tag that is glued otherwise by its
     // placement, as far as they are fitted.
-    const bool placed =
-        asked_.tags && (before_.square > kFar * kFar || before_.tag_turn > 0.25 * basics::kPi);
+    const bool placed = asked_.fits(FitParameter::kTags) &&
+                        (before_.square > kFar * kFar || before_.tag_turn > 0.25 * basics::kPi);
     if (placed || std::abs(before_.border_shift) > kMostBorderShift * asked_.border_shift_prior) {
-      options_.border_shift = false;
-      options_.tags = asked_.tags && !placed;
-      options_.base = asked_.base || (placed && asked_.free_shapes);
+      options_.fit.erase(FitParameter::kBorderShift);
+      if (placed) options_.fit.erase(FitParameter::kTags);
+      if (placed && asked_.free_shapes) options_.fit.insert(FitParameter::kBase);
       before_ = fitted().value_or(before_);
     }
     std::vector<Suspect> out;
@@ -196,9 +196,9 @@ class Diagnosis {
     const ReadingKind kind = kindOf(firstReading(read));
     if (unfit(read, input.options, kind)) return std::nullopt;
     const bool one_rig = read.size() == 1 && isMet(FitNeed::kTags, kind);
-    if (effort == Effort::kFull && one_rig && !input.options.base) {
+    if (effort == Effort::kFull && one_rig && !input.options.fits(FitParameter::kBase)) {
       CalibrationOptions near = input.options;
-      near.base = true;
+      near.fit.insert(FitParameter::kBase);
       const std::optional<Quality> found = fit(read, near, effort);
       if (found && found->base.translation.norm() < kTapedBase.translation &&
           turnOf(found->base) < kTapedBase.rotation) {

@@ -206,7 +206,7 @@ json sceneOf(const NewArguments& arguments, NewArm arm, bool asks) {
 double heldOutError(const json& scene, const procedures::ResponseSeries& tips) {
   const io::Scene made = io::sceneOfText(scene["text"], "the scene of the recording");
   estimation::SeriesOptions options;
-  options.arm.contraction = options.arm.base = true;
+  options.arm.fit.insert({estimation::FitParameter::kContraction, estimation::FitParameter::kBase});
   const estimation::SeriesFit fit =
       estimation::fitSeries(procedures::priorOf(made), procedures::ofArm(tips), options);
   refuseIf(!fit.failure.empty(), "--recording: ", fit.failure);

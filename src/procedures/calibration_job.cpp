@@ -81,11 +81,11 @@ std::optional<estimation::LeastTipError> leastTipError(
     const io::Scene& scene, const ArmCaptures& data, const Calibration& calibration,
     const estimation::CalibrationOptions& options) {
   // The paper's definition has no other parameters.
-  const bool fitted = options.K_kappa && calibration.stiffness;
-  const std::vector<estimation::FitParameterInfo>& table = estimation::fitParameters();
+  const bool fitted = options.fits(FitParameter::kKappa) && calibration.stiffness;
   const bool scaled =
-      std::any_of(table.begin(), table.end(), [&options](const estimation::FitParameterInfo& one) {
-        return one.aboutShape() && !one.entry && estimation::isFitted(one, options);
+      std::any_of(options.fit.begin(), options.fit.end(), [](FitParameter parameter) {
+        const estimation::FitParameterInfo& one = estimation::infoOf(parameter);
+        return one.aboutShape() && !one.isStiffness();
       });
   if (!fitted || scaled) return std::nullopt;
   const bool curvatures =
@@ -231,16 +231,19 @@ bool isOfArm(FitParameter parameter) {
 constexpr estimation::BasePrior kPlacedFrame = {0.05, 0.1};
 
 CalibrationOptions optionsOf(const io::Scene& scene, const CalibrationRequest& request,
-                             std::set<FitParameter> fitted, const CalibrationData& data) {
+                             const std::set<FitParameter>& fitted, const CalibrationData& data) {
   CalibrationOptions options;
-  bool about_shape = false;
-  for (const estimation::FitParameterInfo& info : estimation::fitParameters()) {
-    about_shape |= info.aboutShape() && fitted.count(info.parameter) > 0;
-    if (info.implied() && areCorners(data.captures)) fitted.insert(info.parameter);
-  }
-  estimation::setFitted(fitted, options);
+  options.fit.clear();
   // Placements that are fitted alone must not depend on the accuracy of the model.
-  options.free_shapes = !about_shape;
+  options.free_shapes = true;
+  for (const estimation::FitParameterInfo& info : estimation::fitParameters()) {
+    const bool asked = fitted.count(info.parameter) > 0;
+    if (asked && info.aboutShape()) options.free_shapes = false;
+    const bool implied = info.implied() && areCorners(data.captures);
+    if (info.block && (asked || implied)) options.fit.insert(info.parameter);
+  }
+  // The last request wins: per actuator rather than one scale for all.
+  if (options.fits(FitParameter::kLengthScaleEach)) options.fit.erase(FitParameter::kLengthScale);
 
   const estimation::TwistFitOptions& expected = scene.vision.fit;
   const auto choose = [](const char* what, double asked, double usual) {
@@ -758,13 +761,13 @@ class CalibrationJob {
                          "a finite value >= 0, 0 for none");
     estimation::SeriesOptions options;
     options.arm = optionsOf(*scene_, request_, fitted_, data_);
-    options.arm.contraction = fitsCurve();
+    if (fitsCurve()) options.arm.fit.insert(FitParameter::kContraction);
     options.response = fitsResponse();
     options.rest_offset = request_.rest_offset;
     options.curve = request_.contraction;
     options.ring_radius = fits(FitParameter::kRingRadius);
     options.ring_phase = fits(FitParameter::kRingPhase);
-    const bool of_geometry = options.arm.base && options.arm.contraction && !scene_->planar;
+    const bool of_geometry = fits(FitParameter::kBase) && fitsCurve() && !scene_->planar;
     options.phases = options.ring_phase || (of_geometry && io::hasRingsOnly(path_, overrides_));
     estimation::TipSeries tips = soundRowsOf(ofArm(data_.tips));
     if (fitsCurve()) lowerLimits(tips);
@@ -799,7 +802,7 @@ class CalibrationJob {
             fit.orientation_fault});
     }
     if (!fit.order_fault.empty()) warn({"positions: " + fit.order_fault});
-    if (options.arm.base) {
+    if (fits(FitParameter::kBase)) {
       const bool of_tags = scene_->tags && !scene_->hasBodies() && !scene_->motion_capture.X_BF;
       (of_tags ? changes_.X_BF : changes_.motion_capture.X_BF) = fit.X_BF;
     }
@@ -1085,8 +1088,8 @@ std::vector<estimation::Suspect> tagSuspectsOf(const io::Scene& scene,
     some.back().pressure = scene.arm.clamped(rest).array() + static_cast<double>(k);
   }
   estimation::CalibrationOptions options;
-  options.K_kappa = options.K_gamma = false;
-  options.free_shapes = options.base = true;
+  options.fit = {FitParameter::kBase};
+  options.free_shapes = true;
   options.corner_noise = scene.vision.fit.corner_noise;
   options.position_noise = scene.vision.fit.position_noise;
   options.rotation_noise = scene.vision.fit.rotation_noise;

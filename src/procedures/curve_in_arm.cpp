@@ -147,7 +147,7 @@ CurveFit fitCurveInArm(const std::vector<ArmCaptures>& arms, estimation::Calibra
                        const estimation::ContractionFit& curve,
                        const std::vector<estimation::LengthSample>& lengths,
                        estimation::Branch branch, const Calibration& alone) {
-  options.contraction = true;
+  options.fit.insert(estimation::FitParameter::kContraction);
   CurveFit out;
   out.calibration = estimation::calibrate(arms, options);
   const Calibration& with = out.calibration;

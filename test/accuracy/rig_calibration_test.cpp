@@ -139,9 +139,9 @@ double tipError2(const io::Scene& scene, const Rig& rig, const Calibration* foun
 TEST(RigCalibration, ParametersAreWithinTheirErrorsAndTheTipComesThreeTimesCloser) {
   const io::Scene scene = test::demo();
   estimation::CalibrationOptions options;
-  options.base = options.tags = options.border_shift = true;
-  options.length_scale = estimation::LengthScaling::kCommon;
-  options.stroke_scale = true;
+  options.fit.insert({FitParameter::kBase, FitParameter::kTags, FitParameter::kBorderShift});
+  options.fit.insert(FitParameter::kLengthScale);
+  options.fit.insert(FitParameter::kStrokeScaleEach);
   options.corner_noise = scene.vision.fit.corner_noise;
   options.tag_prior = scene.tag_prior;
 

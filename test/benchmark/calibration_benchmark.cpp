@@ -74,7 +74,8 @@ CalibrationOptions upTo(Until last, CalibrationOptions options) {
 
 CalibrationOptions placementOptions() {
   CalibrationOptions options;
-  options.base = options.tags = options.border_shift = options.free_shapes = true;
+  options.fit.insert({FitParameter::kBase, FitParameter::kTags, FitParameter::kBorderShift});
+  options.free_shapes = true;
   options.base_prior = {0.1, 0.5};
   return options;
 }

@@ -29,7 +29,7 @@ TEST(CalibrationEquations, EliminationGivesWhatTheWholeMatrixDoes) {
   const std::vector<ArmCaptures> data = rig();
   for (const bool free_shapes : {false, true}) {
     CalibrationOptions options;
-    options.base = options.tags = true;
+    options.fit.insert({FitParameter::kBase, FitParameter::kTags});
     options.free_shapes = free_shapes;
     CalibrationProblem problem(data, options, selectionOf(options));
     CalibrationEquations& equations = problem.equations(1.0);
@@ -68,7 +68,7 @@ struct Bench {
                        TwistReading{arm.twists(pressure), 1e-6 * lie::Matrix6::Identity()});
     }
     options.stiffness_prior = prior;
-    selection.stiffness = {StiffnessEntry::kKappa};
+    selection.fit = {FitParameter::kKappa};
   }
 };
 
@@ -89,6 +89,7 @@ TEST(CalibrationStatistics, WithoutAPriorThereIsNoCovarianceOfWhatReadingsDoNotT
     Bench bench(free_shapes ? 0.5 : kNoPrior);
     bench.options.model_prior.translation = bench.options.model_prior.rotation = kNoPrior;
     bench.selection.free_shapes = free_shapes;
+    if (free_shapes) bench.selection.fit.clear();
     CalibrationProblem problem(bench.data, bench.options, bench.selection);
     const Statistics found = statisticsOf(problem, kNoInformation);
     EXPECT_FALSE(found.determined);

@@ -61,7 +61,7 @@ TEST(Calibration, TorsionIsFoundFromZeroAndOtherwiseStaysZero) {
   model::Stiffness stiff = known.actuator(0).stiffness;
   stiff.tau = 3e-4;
   CalibrationOptions options;
-  options.K_tau = true;
+  options.fit.insert(FitParameter::kTau);
   options.stiffness_prior = 5;
   const Calibration found = calibrated({twists(known, known.withStiffness(stiff), 1e-6)}, options);
   EXPECT_EQ(parameter(found, "K_tau").initial, 0.0);
@@ -85,8 +85,8 @@ TEST(Calibration, EachActuatorGetsItsOwnScales) {
     std::get<TwistReading>(capture.reading).twists = known.twistsOfLengths(lengths);
   }
   CalibrationOptions options;
-  options.length_scale = LengthScaling::kEach;
-  options.stroke_scale = true;
+  options.fit.insert(FitParameter::kLengthScaleEach);
+  options.fit.insert(FitParameter::kStrokeScaleEach);
   const Calibration found = calibrated({data}, options);
   EXPECT_LT((found.length_scale - scales).norm(), 1e-5);
   EXPECT_TRUE(parameter(found, "length_scale_muscle_2").identifiable);
@@ -103,8 +103,7 @@ TEST(Calibration, StandardErrorsAreOfNoiseAsItIsWhateverWasExpected) {
   const auto errorsAt = [&](double noise) {  // 10 mm are expected
     Random random(5);
     CalibrationOptions options;
-    options.K_kappa = options.K_gamma = false;
-    options.base = options.tags = true;
+    options.fit = {FitParameter::kBase, FitParameter::kTags};
     // Placements and stiffness that are known, so that noise alone is in the errors.
     options.tag_prior = {1e-6, 1e-6};
     options.stiffness_prior = 1e-6;
@@ -126,7 +125,7 @@ TEST(Calibration, WrongTagsAreNamedAndDoNotMoveTheAnswer) {
   const TagLayout layout = test::sampleLayout(1, 12);
   Random random(6);
   CalibrationOptions options;
-  options.base = true;
+  options.fit.insert(FitParameter::kBase);
   ArmCaptures data = poses(known, layout, scaled(known, 1.0, 0.5), 0.002, random);
   const Calibration clean = calibrate({data}, options);
   std::get<std::vector<PoseObservation>>(data.captures[4].reading)[7].X_BT.translation.y() += 0.2;
@@ -165,15 +164,15 @@ TEST(Suspects, NameTheStripAlongAMuscleThatIsTurnedAndATagThatIsTurnedAlone) {
         }
       }
       CalibrationOptions options;
-      options.base = options.tags = placement;
+      if (placement) options.fit.insert({FitParameter::kBase, FitParameter::kTags});
       const auto suspects = suspectsOf({data}, options);
       ASSERT_FALSE(suspects.empty()) << placement << " " << turned.size() << " " << quarters;
       EXPECT_EQ(suspects.front().cause, "tags_turned");
       EXPECT_EQ(suspects.front().where, turned.size() == 1 ? "tag 10" : "tags 4, 10, 16, 22");
       EXPECT_GT(suspects.front().explains, 0.9);
       data.captures.resize(1, data.captures.front());
-      options.K_kappa = options.K_gamma = false;
-      options.free_shapes = options.base = true;
+      options.fit = {FitParameter::kBase};
+      options.free_shapes = true;
       const auto of_one = suspectsOf({data}, options);
       ASSERT_FALSE(of_one.empty()) << "of one picture, " << turned.size() << " " << quarters;
       EXPECT_EQ(of_one.front().where, suspects.front().where);
@@ -186,7 +185,7 @@ TEST(Calibration, HeldOutCapturesArePredictedByAFitWithoutThem) {
   const model::Arm known = test::ringArm(test::straightRing());
   Random random(7);
   CalibrationOptions options;
-  options.K_gamma = false;
+  options.fit.erase(FitParameter::kGamma);
   const ArmCaptures data = curvatures(known, scaled(known, 1.4, 1.0), 0.05, random);
   const Calibration all = calibrate({data}, options);
   ASSERT_EQ(all.by_pressure->groups.size(), data.captures.size());
@@ -218,7 +217,7 @@ TEST(Calibration, SeveralArmsShareOneStiffnessAndEachIsPredictedByTheOthers) {
     arms.back().name = "arm of " + std::to_string(radius);
   }
   CalibrationOptions options;
-  options.K_gamma = false;
+  options.fit.erase(FitParameter::kGamma);
   const Calibration found = calibrated(arms, options);
   const Parameter& kappa = parameter(found, "K_kappa");
   EXPECT_LT(std::abs(kappa.value - 1.3 * 1.38e-4), 3 * kappa.standard_error);
@@ -238,7 +237,8 @@ TEST(Calibration, PlacementNeedsNoModelWhereShapesAreFree) {
   test::RigErrors errors{0.5, 1.0, 0.03, 0.01, 0.02, 0.002, 0.05, 0};
   const test::RigTruth truth = test::drawRig(known, view, errors, random);
   CalibrationOptions options;
-  options.base = options.tags = options.free_shapes = true;
+  options.fit.insert({FitParameter::kBase, FitParameter::kTags});
+  options.free_shapes = true;
   const ArmCaptures data = corners(known, view, truth, 0.2, random);
   const Calibration found = calibrated({data}, options);
   EXPECT_FALSE(found.stiffness);
@@ -258,7 +258,7 @@ TEST(Calibration, SaysWhichCapturesAddNothingAndWhichWouldAddMost) {
   Random random(11);
   ArmCaptures data = curvatures(known, known, 0.01, random);
   CalibrationOptions options;
-  options.K_gamma = false;
+  options.fit.erase(FitParameter::kGamma);
   const Calibration found = calibrated({data}, options);
   // At rest no stiffness is seen; the harder it bends, the more is.
   EXPECT_LT(found.captures.front().gain, 1e-6);
@@ -348,9 +348,9 @@ TEST(Calibration, RefusesWithAReason) {
        [](auto& data, auto&) { data.captures[1].pressure[0] = 2 * kMaxPressure; }},
       {Status::kBadData, "capture 8: has another kind",
        [](auto& data, auto&) { data.captures[7].reading = CurvatureReading{0.5}; }},
-      {Status::kNothingToFit, "need captures of tags", [](auto&, auto& o) { o.base = true; }},
-      {Status::kNothingToFit, "no parameter to fit",
-       [](auto&, auto& o) { o.K_kappa = o.K_gamma = false; }},
+      {Status::kNothingToFit, "need captures of tags",
+       [](auto&, auto& o) { o.fit.insert(FitParameter::kBase); }},
+      {Status::kNothingToFit, "no parameter to fit", [](auto&, auto& o) { o.fit.clear(); }},
       {Status::kNothingToFit, "muscle_3",
        [](auto& data, auto&) {
          std::vector<model::Section> sections(1);
@@ -384,7 +384,8 @@ TEST(ParametersAlone, AreThoseWithErrors) {
   const test::RigErrors errors{0.2, 0.3, 0.02, 0.01, 0.02, 0.002, 0.05, 0.0002};
   const test::RigTruth truth = test::drawRig(known, view, errors, random);
   CalibrationOptions placements;
-  placements.base = placements.tags = placements.border_shift = placements.free_shapes = true;
+  placements.fit.insert({FitParameter::kBase, FitParameter::kTags, FitParameter::kBorderShift});
+  placements.free_shapes = true;
   for (const auto& [options_with, noise] :
        {std::pair{test::everythingFromExactReadings(1e-3), 1e-3}, {placements, 0.3}}) {
     CalibrationOptions options = options_with;
@@ -462,8 +463,8 @@ TEST(LoadedCalibration, FindsWhatMadeExactTwists) {
     test::addCapture(data, pressure, TwistReading{rig.shape(pressure).twists(), covariance});
   }
   CalibrationOptions options;
-  options.K_eps = true;
-  options.length_scale = LengthScaling::kCommon;
+  options.fit.insert(FitParameter::kEps);
+  options.fit.insert(FitParameter::kLengthScale);
   options.held_out = false;
   const Calibration found = calibrated({data}, options);
   EXPECT_NEAR(parameter(found, "K_kappa").value / rig.stiffness.kappa, 1, 1e-4);
@@ -494,7 +495,7 @@ TEST(LoadedCalibration, FindsTheStiffnessOfAHangingArmWhichIgnoringTheLoadDoesNo
     const ArmCaptures data = rig.poses(0.002, random);
     CalibrationOptions options;
     options.position_noise = 0.002;
-    options.K_gamma = false;  // of which an arm without tilt tells next to nothing
+    options.fit.erase(FitParameter::kGamma);  // of which an arm without tilt tells next to nothing
     const Calibration found = calibrated({data}, options);
     EXPECT_TRUE(parameter(found, "K_kappa").identifiable);
     EXPECT_LT(sigmasOff(found, "K_kappa", rig.stiffness.kappa), 3.0);
@@ -527,8 +528,8 @@ TEST(LoadedCalibration, FreeShapesKeepWhatTheLoadBends) {
                      posesOf(data.layout, rig.shape(pressure), lie::SE3::exp(offset), 0, unused));
   }
   CalibrationOptions options;
-  options.K_kappa = options.K_gamma = false;
-  options.base = options.free_shapes = true;
+  options.fit = {FitParameter::kBase};
+  options.free_shapes = true;
   options.base_prior = {10.0, 10.0};
   options.position_noise = 0.001;
   const Calibration found = calibrated({data}, options);

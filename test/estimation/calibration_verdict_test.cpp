@@ -155,13 +155,14 @@ TEST(CalibrationVerdict, ErrorsAreValidWhateverIsNotFitted) {
   for (int words = 1; words < 128; words += test::draws(5, 1)) {
     const auto has = [words](int bit) { return (words >> bit & 1) != 0; };
     CalibrationOptions options;
-    options.K_kappa = has(0);
-    options.K_gamma = has(1);
-    options.length_scale = has(2) ? LengthScaling::kCommon : LengthScaling::kNone;
-    options.base = has(3);
-    options.tags = has(4);
-    options.border_shift = has(5);
-    options.K_tau = has(6);
+    options.fit.clear();
+    int bit = 0;
+    for (const FitParameter one :
+         {FitParameter::kKappa, FitParameter::kGamma, FitParameter::kLengthScale,
+          FitParameter::kBase, FitParameter::kTags, FitParameter::kBorderShift,
+          FitParameter::kTau}) {
+      if (has(bit++)) options.fit.insert(one);
+    }
     options.free_shapes = (words & 71) == 0;
     options.stiffness_prior = kStiffness;
     options.length_scale_prior = 0.03;
@@ -258,14 +259,14 @@ TEST(CalibrationVerdict, KKappaOfCurvaturesWarnsOfLengthsThatItTakesAsExact) {
     truth.length_scale = set % 2 == 0 ? 1.01 : 0.99;
     const ArmCaptures data = curvatures(known, truth, kCurvatureNoise, random);
     CalibrationOptions options;
-    options.K_gamma = false;
+    options.fit.erase(FitParameter::kGamma);
     options.next_pressures = 0;
     Calibration found = calibrate({data}, options);
     ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << set << ": " << found.reason;
     warned += warns(found, "fit length_scale as well");
     alone.add(found.parameters.front(), truth.parameters.at("K_kappa"));
     EXPECT_FALSE(warns(found, "contradict")) << set;
-    options.length_scale = LengthScaling::kCommon;
+    options.fit.insert(FitParameter::kLengthScale);
     found = calibrate({data}, options);
     if (found.status != CalibrationStatus::kCalibrated) continue;
     EXPECT_FALSE(warns(found, "fit length_scale as well")) << set;

@@ -162,7 +162,7 @@ SeriesPrior guess(const std::vector<double>& lengths = {0.19, 0.2, 0.22}, double
 
 SeriesOptions everything(bool response = true) {
   SeriesOptions out;
-  out.arm.contraction = out.arm.base = true;
+  out.arm.fit.insert({FitParameter::kContraction, FitParameter::kBase});
   out.response = response;
   return out;
 }
@@ -214,7 +214,7 @@ TEST(SeriesFit, FindsAFrameWithOtherAxes) {
 // muscles lie along it, nor whether they lengthen.
 TEST(SeriesFit, LeavesOutWhatPredictsNoBetterAndSaysWhatTheDataCannotTell) {
   SeriesOptions options = everything();
-  options.arm.stroke_scale = true;
+  options.arm.fit.insert(FitParameter::kStrokeScaleEach);
   const SeriesFit fit = fitSeries(guess(), seriesOf({}, 5), options);
   ASSERT_EQ(fit.failure, "");
   EXPECT_EQ(fit.choices.size(), 6u);
@@ -231,7 +231,7 @@ TEST(SeriesFit, TellsTheStrokesOfActuatorsApart) {
   Truth truth;
   truth.stroke = {1.12, 0.9, 0.98};
   SeriesOptions options = everything(false);
-  options.arm.stroke_scale = true;
+  options.arm.fit.insert(FitParameter::kStrokeScaleEach);
   const SeriesFit fit = fitSeries(guess(), seriesOf(truth, 10), options);
   ASSERT_EQ(fit.failure, "");
   EXPECT_TRUE(keeps(fit, "strokes"));
@@ -266,7 +266,7 @@ TEST(SeriesFit, FindsThePhaseOfARing) {
     truth.oriented = oriented;
     if (oriented) truth.turn = about(Eigen::Vector3d::UnitX(), -0.5);
     SeriesOptions options = everything(false);
-    options.arm.base = oriented;
+    if (!oriented) options.arm.fit.erase(FitParameter::kBase);
     options.ring_radius = options.ring_phase = true;
     SeriesPrior prior = guess();
     prior.R_TM = Eigen::Matrix3d::Identity();

@@ -102,7 +102,7 @@ Tally tallyOf(const Kind& kind, double friction, int sets, unsigned seed) {
   for (int k = 0; k < sets; ++k) {
     const Set set(kind, friction, seed + k);
     estimation::CalibrationOptions options;
-    options.K_gamma = false;
+    options.fit.erase(FitParameter::kGamma);
     options.curvature_noise = set.noise;
     const Calibration alone = estimation::calibrate(set.arms, options);
     EXPECT_EQ(alone.status, estimation::CalibrationStatus::kCalibrated) << k << alone.reason;
@@ -162,7 +162,7 @@ TEST(CurveInArm, IsRefusedBesideATableOfKKappa) {
   section.bending = model::StiffnessTable{{0, test::kMaxPressure}, {1, 2}};
   set.arms.front().arm = model::Arm({section});
   CalibrationOptions options;
-  options.contraction = true;
+  options.fit.insert(FitParameter::kContraction);
   const std::string reason = estimation::calibrate(set.arms, options).reason;
   EXPECT_NE(reason.find("K_kappa depends on pressure"), std::string::npos) << reason;
 }

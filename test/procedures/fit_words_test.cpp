@@ -25,17 +25,6 @@ TEST(FitParameters, EveryParameterHasItsRow) {
   }
 }
 
-TEST(FitParameters, OptionsHoldWhatWasSet) {
-  for (const FitParameterInfo& info : estimation::fitParameters()) {
-    CalibrationOptions options;
-    estimation::setFitted({info.parameter}, options);
-    for (const FitParameterInfo& other : estimation::fitParameters()) {
-      const bool set = info.block && other.parameter == info.parameter;
-      EXPECT_EQ(isFitted(other, options), set) << info.word << ": " << other.word;
-    }
-  }
-}
-
 TEST(FitWords, NameParametersAndGroups) {
   const auto of = &estimation::fitParametersOf;
   const Parameters stiffness{FitParameter::kKappa, FitParameter::kGamma};
@@ -47,13 +36,6 @@ TEST(FitWords, NameParametersAndGroups) {
             (Parameters{FitParameter::kBase, FitParameter::kTags, FitParameter::kBorderShift}));
   EXPECT_EQ(of({"placement"}, false), (Parameters{FitParameter::kBase, FitParameter::kTags}));
   EXPECT_EQ(of({"bleed"}, false), Parameters{FitParameter::kBorderShift}) << "asked for by itself";
-}
-
-TEST(FitWords, EachActuatorsScaleGoesBeforeTheCommonOne) {
-  CalibrationOptions options;
-  estimation::setFitted({FitParameter::kLengthScale, FitParameter::kLengthScaleEach}, options);
-  EXPECT_EQ(options.length_scale, LengthScaling::kEach);
-  EXPECT_FALSE(options.K_kappa) << "only what was named is fitted";
 }
 
 // ---- Results in words ---------------------------------------------------------------------------

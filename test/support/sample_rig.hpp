@@ -29,8 +29,9 @@ struct RigErrors {
 /// Everything of a rig is fitted, to readings without noise; priors hardly hold anything.
 inline estimation::CalibrationOptions everythingFromExactReadings(double corner_noise) {
   estimation::CalibrationOptions options;
-  options.base = options.tags = options.border_shift = true;
-  options.length_scale = estimation::LengthScaling::kCommon;
+  options.fit.insert({estimation::FitParameter::kBase, estimation::FitParameter::kTags,
+                      estimation::FitParameter::kBorderShift});
+  options.fit.insert(estimation::FitParameter::kLengthScale);
   options.stiffness_prior = 10;
   options.length_scale_prior = 1;
   options.tag_prior = {0.1, 1};

@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <optional>
+#include <set>
 #include <string>
 #include <variant>
 #include <vector>
@@ -105,27 +106,14 @@ enum class ParameterBlock {
 };
 constexpr int kParameterBlockCount = static_cast<int>(ParameterBlock::kShape) + 1;  ///< how many
 
-/// Factors on the free lengths of the actuators, the most common error of contraction curves.
-enum class LengthScaling {
-  kNone,
-  kCommon,  ///< one for all actuators
-  kEach,    ///< one per actuator
-};
-
 /// Which parameters are fitted, and the prior knowledge of them.
 struct CalibrationOptions {
-  bool K_kappa = true;
-  bool K_gamma = true;
-  bool K_tau = false;
-  bool K_eps = false;  ///< one for all sections; requires a load
-  LengthScaling length_scale = LengthScaling::kNone;
-  /// One factor per actuator on how far its free length is from that at the lower end of its curve.
-  bool stroke_scale = false;
-  bool contraction = false;  ///< FreeCurve of the arms, under what the free lengths say
-  bool base = false;         ///< pose of the base seen from the camera or instrument
-  bool tags = false;  ///< placement of every tag except the one nearest to the base, which defines
-                      ///< the reference frame
-  bool border_shift = false;  ///< width of white bleeding into black; requires corners
+  /// Those with a block (fitParameters()), and kContraction: the FreeCurve of the arms, under what
+  /// the free lengths say. K_eps is one for all sections and requires a load; kStrokeScaleEach has
+  /// one factor per actuator on how far its free length is from that at the lower end of its curve;
+  /// kTags are the placements of all tags except the one nearest to the base, which defines the
+  /// reference frame; kBorderShift is the width of white bleeding into black and requires corners.
+  std::set<FitParameter> fit = {FitParameter::kKappa, FitParameter::kGamma};
   /// Fit the twists of every capture instead of using the model's shapes, for placements that do
   /// not depend on the model. Cannot be combined with stiffness and scales, which free shapes do
   /// not determine.
@@ -157,6 +145,8 @@ struct CalibrationOptions {
   bool held_out = true;      ///< refit without each pressure, and without each arm, in turn
   int next_pressures = 3;    ///< number of pressures to suggest
   int max_iterations = 100;  ///< per least squares
+
+  bool fits(FitParameter parameter) const { return fit.count(parameter) > 0; }
 };
 
 /// Whether a calibration has a result.

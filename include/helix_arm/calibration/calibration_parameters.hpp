@@ -8,7 +8,7 @@
 #include "helix_arm/calibration/calibration.hpp"
 
 /// The table of what a calibration can fit. The words of a request with their messages and help,
-/// the options of the fit, and the names, units and priors of the fitted numbers derive from it.
+/// and the names, units and priors of the fitted numbers derive from it.
 namespace helix_arm::estimation {
 
 /// Words of a request that stand for several parameters.
@@ -25,9 +25,6 @@ enum class FitNeed {
   kTags,         ///< captures of tags; the parameter belongs to one rig
   kCorners,      ///< captures of tag corners; the parameter belongs to one rig
 };
-
-/// Entries of a stiffness that can be fitted. The others are ratios to kEps.
-enum class StiffnessEntry { kKappa, kGamma, kTau, kEps };
 
 /// Standard deviation of a number's prior, > 0.
 using FitPrior = double (*)(const CalibrationOptions& options);
@@ -48,12 +45,10 @@ struct FitParameterInfo {
   FitNeed need;
   /// Absent for contraction, response, mode, mass, damping and rings, which have separate fits.
   std::optional<ParameterBlock> block = {};
-  std::optional<StiffnessEntry> entry = {};
   std::vector<FitNumber> numbers = {};  ///< for one actuator, tag or rig
-  // Option that it sets: a flag, or the kind of length scaling. Those without a block set none.
-  bool CalibrationOptions::*flag = nullptr;
-  LengthScaling scaling = LengthScaling::kNone;
 
+  /// Whether it is an entry of a stiffness: a ratio to K_eps, or K_eps.
+  bool isStiffness() const { return block == ParameterBlock::kStiffness; }
   /// Whether it is a stiffness or a scale, which determines the shape of the arm and is fitted as a
   /// logarithm.
   bool aboutShape() const;
@@ -89,9 +84,5 @@ const char* wordOf(FitGroup group);
 ///     that need them.
 /// @throws std::invalid_argument naming the first unknown word in alphabetical order.
 std::set<FitParameter> fitParametersOf(const std::vector<std::string>& words, bool corners);
-
-/// Sets the options to fit exactly these parameters.
-void setFitted(const std::set<FitParameter>& parameters, CalibrationOptions& options);
-bool isFitted(const FitParameterInfo& info, const CalibrationOptions& options);  ///< whether it is
 
 }  // namespace helix_arm::estimation
