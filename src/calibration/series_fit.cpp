@@ -402,10 +402,6 @@ class SeriesJob {
           "ring_phase_1: a turn of the base about the arm's axis moves the tip alike; the base has "
           "it");
     }
-    for (std::size_t c = 0; c < now.lengths.size(); ++c) {
-      const SeriesRecording::Curve& curve = recording_.curves[c];
-      if (!now.lengths[c].empty()) out.curves.push_back({curve.name, curve.knots, now.lengths[c]});
-    }
     out.X_BF = now.places.X_FB.inverse();
     if (recording_.lever > 0) out.R_TM = now.places.R_TM;
     if (fit.form.body) out.p_TM = now.places.p_TM;
@@ -418,6 +414,17 @@ class SeriesJob {
     out.rms = residual.rms;
     out.rms_about_offset = residual.rms_about_offset;
     out.rms_turn = residual.rms_turn;
+    for (std::size_t c = 0; c < now.lengths.size(); ++c) {
+      if (now.lengths[c].empty()) continue;
+      ContractionFit& table =
+          out.curves.emplace_back(recording_.curves[c].name, ContractionFit()).second;
+      table.status = ContractionFitStatus::kFitted;
+      table.kind = CurveKind::kTable;
+      table.pressures = recording_.curves[c].knots;
+      table.lengths = now.lengths[c];
+      table.curve = model::Contraction::table(table.pressures, table.lengths);
+      table.rms = out.rms;
+    }
     out.held_out_rms = std::sqrt(fit.held_out.square().mean());
     out.baseline_rms = cubicError(recording_.series);
     out.baseline_held_out_rms = cubicHeldOutError(recording_.series);

@@ -367,10 +367,9 @@ int runStand(const CalibrateOptions& options, const GlobalOptions& global, const
            "together; give --fit contraction,K_eps");
   refuseIf(!options.also.empty() || !options.curve.empty() || options.branch != "both",
            "--muscles excludes --also, --curve and --branch");
-  const procedures::StandOutcome outcome = procedures::calibrateStand(
-      options.scene, overridesOf(global),
-      {options.request.contraction, *options.muscles, procedures::utcNow()},
-      procedures::loadStand(options.data));
+  const procedures::StandOutcome outcome =
+      procedures::calibrateStand(options.scene, overridesOf(global), options.request.contraction,
+                                 *options.muscles, procedures::loadStand(options.data));
   const estimation::StandFit& fit = outcome.fit;
   json curve = json::array();
   for (std::size_t k = 0; k < fit.pressures.size() && fit.law; ++k) {
@@ -423,7 +422,6 @@ int run(const CalibrateOptions& options, const GlobalOptions& global) {
   if (options.branch == "rising") request.branch = estimation::Branch::kRising;
   if (options.branch == "falling") request.branch = estimation::Branch::kFalling;
   request.rest_offset = 1e-3 * options.rest_offset_mm;
-  request.date = procedures::utcNow();
   const procedures::CalibrationData data =
       ros_bridge::loadMeasurements(scene, options.data, {}, options.pressures);
   std::vector<procedures::CompanionArm> companions;

@@ -41,6 +41,17 @@ using estimation::ResponseVerdict;
 using CornersOfTags = std::vector<estimation::CornerObservation>;
 using PosesOfTags = std::vector<estimation::PoseObservation>;
 
+// Captures whose poses of tags, if they have some, are seen from another base.
+std::vector<estimation::Capture> movedBy(const lie::SE3& X_B1B,
+                                         std::vector<estimation::Capture> captures) {
+  for (estimation::Capture& capture : captures) {
+    auto* const poses = std::get_if<PosesOfTags>(&capture.reading);
+    if (poses == nullptr) continue;
+    for (estimation::PoseObservation& one : *poses) one.X_BT = X_B1B * one.X_BT;
+  }
+  return captures;
+}
+
 // Twists fitted to the tags of each capture separately, if they determine one, with the calibrated
 // placements.
 ArmCaptures asTwists(const io::Scene& scene, const ArmCaptures& data,
@@ -53,23 +64,18 @@ ArmCaptures asTwists(const io::Scene& scene, const ArmCaptures& data,
   if (calibration.K_eps)
     std::fill(out.load->K_eps.begin(), out.load->K_eps.end(), *calibration.K_eps);
   estimation::TwistFitter fitter(calibration.layout, data.arm.sectionCount(), scene.vision.fit);
-  const lie::SE3 X_BB0 = calibration.X_B0B.inverse(), X_CB = data.X_CB * calibration.X_B0B;
-  for (std::size_t i = 0; i < data.captures.size(); ++i) {
+  std::vector<estimation::Capture> seen = movedBy(calibration.X_B0B.inverse(), data.captures);
+  for (std::size_t i = 0; i < seen.size(); ++i) {
     if (calibration.captures[i].outlier) continue;
-    const estimation::Capture& capture = data.captures[i];
     const model::Shape& model = calibration.curves[i];
-    estimation::Capture twists = capture;
-    const auto* corners = std::get_if<CornersOfTags>(&capture.reading);
-    auto* poses = std::get_if<PosesOfTags>(&twists.reading);
-    if (poses != nullptr) {
-      for (estimation::PoseObservation& seen : *poses) seen.X_BT = X_BB0 * seen.X_BT;
-    }
+    const auto* const corners = std::get_if<CornersOfTags>(&seen[i].reading);
     const estimation::TwistFit& fit =
-        corners != nullptr ? fitter.fitCold(*corners, X_CB, data.camera.focal(), model)
-                           : fitter.fitCold(*poses, model);
+        corners != nullptr
+            ? fitter.fitCold(*corners, data.X_CB * calibration.X_B0B, data.camera.focal(), model)
+            : fitter.fitCold(std::get<PosesOfTags>(seen[i].reading), model);
     if (fit.status != estimation::FitStatus::kConverged) continue;
-    twists.reading = estimation::TwistReading{fit.twists, fit.covariance};
-    out.captures.push_back(std::move(twists));
+    out.captures.push_back(std::move(seen[i]));
+    out.captures.back().reading = estimation::TwistReading{fit.twists, fit.covariance};
   }
   return out;
 }
@@ -304,18 +310,6 @@ Alignment alignmentOf(const io::Scene& scene, const std::vector<estimation::Capt
   return {{R, expected - R * seen}, std::sqrt(seen_spread / expected_spread)};
 }
 
-// Captures of a scene, with the poses of tags seen from the base that another scene knows.
-std::vector<estimation::Capture> seenFrom(const io::Scene& other, const io::Scene& scene,
-                                          std::vector<estimation::Capture> captures) {
-  const lie::SE3 X_B1B = other.X_BF * scene.X_BF.inverse();
-  for (estimation::Capture& capture : captures) {
-    auto* const poses = std::get_if<PosesOfTags>(&capture.reading);
-    if (poses == nullptr) continue;
-    for (estimation::PoseObservation& one : *poses) one.X_BT = X_B1B * one.X_BT;
-  }
-  return captures;
-}
-
 // A calibration in its phases. Each of them says why the request is refused, or nothing.
 class CalibrationJob {
  public:
@@ -401,11 +395,7 @@ class CalibrationJob {
                                "expected metres");
     }
     scene_->X_BF = found.X * scene_->X_BF;
-    for (estimation::Capture& capture : captures_) {
-      auto* const poses = std::get_if<PosesOfTags>(&capture.reading);
-      if (poses == nullptr) continue;
-      for (estimation::PoseObservation& one : *poses) one.X_BT = found.X * one.X_BT;
-    }
+    captures_ = movedBy(found.X, std::move(captures_));
     return std::nullopt;
   }
 
@@ -809,20 +799,10 @@ class CalibrationJob {
     changes_.motion_capture.R_TM = fit.R_TM;
     changes_.motion_capture.p_TM = fit.p_TM;
     changes_.motion_capture.beam = fit.beam;
-    for (const estimation::FittedCurve& curve : fit.curves) {
-      estimation::ContractionFit table;
-      table.status = estimation::ContractionFitStatus::kFitted;
-      table.kind = estimation::CurveKind::kTable;
-      table.pressures = curve.pressure;
-      table.lengths = curve.length;
-      table.curve = model::Contraction::table(curve.pressure, curve.length);
-      table.rms = fit.rms;
-      curves_.contractions.emplace_back(curve.name, std::move(table));
-    }
+    outcome_.contractions = curves_.contractions = fit.curves;
     for (const auto& [name, response] : scene_->contractions) {
       if (options.response) curves_.responses.emplace_back(name, fit.response);
     }
-    outcome_.contractions = curves_.contractions;
   }
 
   // Without the rows that cannot be positions of the tip, which are named.
@@ -937,7 +917,7 @@ class CalibrationJob {
         medianTipError(*scene_, request_.apply_suspect != 0 ? captures_ : data_.captures);
     const io::Scene calibrated = io::sceneOfText(outcome_.scene_text, path_);
     const std::vector<estimation::Capture> captures =
-        seenFrom(calibrated, *scene_, std::move(captures_));
+        movedBy(calibrated.X_BF * scene_->X_BF.inverse(), std::move(captures_));
     outcome_.tip_error_after = medianTipError(calibrated, captures);
     warn(warningsOfScatter(calibrated, captures));
   }
@@ -973,15 +953,7 @@ class CalibrationJob {
     outcome_.warnings.insert(outcome_.warnings.end(), warnings.begin(), warnings.end());
   }
   io::Provenance provenance() const {
-    io::Provenance out;
-    out.date = request_.date;
-    out.package_version = HELIX_ARM_VERSION;
-    out.from = path_;
-    out.from_sha256 = sha256_;
-    for (const io::Override& one : overrides_) {
-      out.overrides += (out.overrides.empty() ? "" : " ") + one.key + "=" + one.value;
-    }
-    out.data = sources_;
+    io::Provenance out = provenanceOf(path_, overrides_, sha256_, sources_);
     if (outcome_.calibration) {
       const Calibration& calibration = *outcome_.calibration;
       out.rms = calibration.rms;
@@ -1075,6 +1047,21 @@ std::string utcNow() {
   std::array<char, 32> text{};
   std::strftime(text.data(), text.size(), "%Y-%m-%dT%H:%M:%SZ", &utc);
   return text.data();
+}
+
+io::Provenance provenanceOf(const std::string& path, const std::vector<io::Override>& overrides,
+                            const std::string& sha256,
+                            const std::vector<io::Provenance::Data>& data) {
+  io::Provenance out;
+  out.date = utcNow();
+  out.package_version = HELIX_ARM_VERSION;
+  out.from = path;
+  out.from_sha256 = sha256;
+  for (const io::Override& one : overrides) {
+    out.overrides += (out.overrides.empty() ? "" : " ") + one.key + "=" + one.value;
+  }
+  out.data = data;
+  return out;
 }
 
 std::vector<estimation::Suspect> tagSuspectsOf(const io::Scene& scene,

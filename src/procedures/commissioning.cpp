@@ -263,13 +263,6 @@ std::vector<std::string> findingsOf(const Commissioning& found, bool channels_fi
   return out;
 }
 
-CalibrationRequest requestOf(const std::vector<std::string>& words) {
-  CalibrationRequest request;
-  request.fit = words;
-  request.date = utcNow();
-  return request;
-}
-
 // Suspects by the commanded pressures, where a sensor is not to be trusted.
 std::vector<Suspect> suspectsOf(const std::string& path, const std::vector<io::Override>& overrides,
                                 CalibrationData data, const Eigen::MatrixXd& plan,
@@ -279,7 +272,7 @@ std::vector<Suspect> suspectsOf(const std::string& path, const std::vector<io::O
   for (std::size_t step = 0; !sound && step < data.captures.size(); ++step) {
     data.captures[step].pressure = plan.row(static_cast<Eigen::Index>(step));
   }
-  return runCalibration(path, overrides, requestOf({"stiffness", "length_scale"}), data).suspects;
+  return runCalibration(path, overrides, {{"stiffness", "length_scale"}}, data).suspects;
 }
 
 }  // namespace
@@ -406,7 +399,7 @@ Correction correct(const std::string& path, const std::vector<io::Override>& ove
                           ? Suspect{"channels_exchanged", "", 1, ""}
                           : found.suspects[static_cast<std::size_t>(std::max(suspect, 1) - 1)];
   const auto calibrated = [&](const std::vector<std::string>& words) {
-    return runCalibration(path, overrides, requestOf(words), data);
+    return runCalibration(path, overrides, {words}, data);
   };
   const auto written = [](const CalibrationOutcome& outcome) -> Correction {
     return {outcome.scene_text, outcome.success ? "" : outcome.message};

@@ -7,7 +7,7 @@
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/calibrated_scene.hpp"
 #include "helix_arm/io/data_set.hpp"
-#include "helix_arm/procedures/captures.hpp"
+#include "helix_arm/procedures/calibration_job.hpp"
 
 namespace helix_arm::procedures {
 namespace {
@@ -32,18 +32,8 @@ int actuatorOf(const io::Scene& scene, const std::string& contraction) {
                           : "; expected one of them for --contraction"));
 }
 
-io::Provenance provenanceOf(const std::string& path, const std::vector<io::Override>& overrides,
-                            const io::Scene& scene, const StandRequest& request,
-                            const StandData& data, const estimation::StandFit& fit) {
-  io::Provenance out;
-  out.date = request.date;
-  out.package_version = HELIX_ARM_VERSION;
-  out.from = path;
-  out.from_sha256 = scene.sha256;
-  for (const io::Override& one : overrides) {
-    out.overrides += (out.overrides.empty() ? "" : " ") + one.key + "=" + one.value;
-  }
-  out.data = data.sources;
+// Adds what was fitted.
+io::Provenance with(const estimation::StandFit& fit, io::Provenance out) {
   for (Eigen::Index k = 0; k < fit.K_eps.size(); ++k) {
     const std::string number = "_" + std::to_string(k + 1);
     out.parameters.push_back({"K_eps" + number, fit.K_eps[k], fit.K_eps_error[k], true, "N"});
@@ -90,25 +80,25 @@ estimation::StandLaw standLawOf(const io::Scene& scene, const std::string& contr
 }
 
 StandOutcome calibrateStand(const std::string& path, const std::vector<io::Override>& overrides,
-                            const StandRequest& request, const StandData& data) {
+                            const std::string& contraction, int muscles, const StandData& data) {
   const io::Scene scene = io::loadScene(path, overrides);
   StandOutcome out;
-  out.contraction = scene.arm.actuator(actuatorOf(scene, request.contraction)).curve;
+  out.contraction = scene.arm.actuator(actuatorOf(scene, contraction)).curve;
   basics::require(curvesOf(scene.arm).size() == 1, "scene ", scene.name,
                   " has muscles with other contractions than ", out.contraction,
                   ", but one K_eps_n is of all; measure them, and write sections[].stiffness");
-  out.fit = estimation::fitStand(data.runs, request.muscles);
+  out.fit = estimation::fitStand(data.runs, muscles);
   if (!out.fit.law) return out;
   estimation::StandRun all;
   for (const estimation::StandRun& run : data.runs) {
     all.readings.insert(all.readings.end(), run.readings.begin(), run.readings.end());
   }
-  out.all = compareStand(*out.fit.law, all, request.muscles);
+  out.all = compareStand(*out.fit.law, all, muscles);
   io::SceneCalibration changes;
   changes.contractions.emplace_back(out.contraction, out.fit.contraction);
   changes.K_eps = out.fit.law->K_eps;
   changes.K_eps_table = out.fit.law->table;
-  changes.provenance = provenanceOf(path, overrides, scene, request, data, out.fit);
+  changes.provenance = with(out.fit, provenanceOf(path, overrides, scene.sha256, data.sources));
   out.scene_text = io::calibratedSceneText(path, overrides, changes, scene.sha256);
   return out;
 }

@@ -289,7 +289,6 @@ procedures::CalibrationRequest requestOf(const std::vector<std::string>& words,
   request.rotation_noise = noises[3];
   request.rest_offset = noises[4];
   request.errors = errors;
-  request.date = procedures::utcNow();
   if (!curve.empty()) {
     request.curve =
         curve == "table" ? estimation::CurveKind::kTable : estimation::CurveKind::kQuintic;

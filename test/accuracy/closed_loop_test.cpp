@@ -625,7 +625,6 @@ io::Scene calibratedOn(const io::Scene& rig, const std::vector<int>& hidden) {
                           data);
   data.sources.push_back({"the rig", std::string(64, '0'), static_cast<int>(data.captures.size())});
   procedures::CalibrationRequest request;
-  request.date = "2026-01-31T12:00:00Z";
   request.fit = {"stiffness", "length_scale", "placement"};
   const auto outcome = procedures::runCalibration(test::shippedPath("demo"), {}, request, data);
   EXPECT_TRUE(outcome.success) << outcome.message;

@@ -322,7 +322,6 @@ procedures::CalibrationOutcome calibrate(const procedures::CalibrationData& data
                                          const std::vector<std::string>& fit) {
   procedures::CalibrationRequest request;
   request.fit = fit;
-  request.date = "2026-01-01T00:00:00Z";
   return procedures::runCalibration(test::shippedPath("demo"), {}, request, data);
 }
 

@@ -43,7 +43,6 @@ TEST_F(BodyCalibration, FindsTheFrameWhereverItIs) {
   const CalibrationData data = recorded(scene_, rig_);
   CalibrationRequest request;
   request.fit = {"base", "stiffness", "length_scale"};
-  request.date = utcNow();
   const CalibrationOutcome outcome = runCalibration(kPath, {kUnknown}, request, data);
   ASSERT_TRUE(outcome.success) << outcome.message;
   const io::Scene calibrated = io::sceneOfText(outcome.scene_text, "calibrated");
@@ -71,7 +70,6 @@ TEST_F(BodyCalibration, FindsBodiesThatAreOtherwiseThanTheSceneSays) {
   const CalibrationData data = recorded(scene_, rig);
   CalibrationRequest request;
   request.fit = {"stiffness", "placement"};
-  request.date = utcNow();
   const CalibrationOutcome outcome = runCalibration(kPath, {kUnknown}, request, data);
   ASSERT_TRUE(outcome.success) << outcome.message;
   const io::Scene calibrated = io::sceneOfText(outcome.scene_text, "calibrated");

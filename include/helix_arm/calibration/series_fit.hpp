@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "helix_arm/calibration/calibration.hpp"
@@ -65,12 +66,6 @@ struct Choice {
   double gain = 0.0, scatter = 0.0;
 };
 
-/// Curve of free length that several actuators share.
-struct FittedCurve {
-  std::string name;                      ///< Actuator::curve
-  std::vector<double> pressure, length;  ///< [Pa], [m]
-};
-
 /// Agreement of the model with a trial, or with all.
 struct SeriesResidual {
   int rows = 0;                   ///< with a position
@@ -104,7 +99,8 @@ struct SeriesFit {
   /// If fitted: (sections) factors on the distance of the actuators from the axis, and (actuators)
   /// turns about it [rad].
   std::optional<Eigen::VectorXd> ring_radius, ring_phase;
-  std::vector<FittedCurve> curves;  ///< if contraction is fitted
+  /// Tables by the name of their curve, if contraction is fitted.
+  std::vector<std::pair<std::string, ContractionFit>> curves;
   lie::SE3 X_BF;
   /// Rotation of the body seen from the tip's frame, if orientations took part.
   std::optional<Eigen::Matrix3d> R_TM;

@@ -23,11 +23,11 @@ namespace helix_arm::procedures {
 struct CalibrationRequest {
   /// Parameters to fit: words of estimation::fitWords(); default: stiffness. Without free lengths,
   /// contraction means length_scale.
-  std::vector<std::string> fit;
-  std::string contraction;  ///< name of one of the scene's curves; empty if it has only one
+  std::vector<std::string> fit = {};
+  std::string contraction = {};  ///< name of one of the scene's curves; empty if it has only one
   /// Default: kSpline if captures of the arm are fitted as well, else kQuintic. A spline is fitted
   /// together with the arm; the others to the free lengths alone, before.
-  std::optional<estimation::CurveKind> curve;
+  std::optional<estimation::CurveKind> curve = {};
   estimation::Branch branch = estimation::Branch::kBoth;
   // Expected standard deviations; 0: those of the scene, for curvatures the default.
   double curvature_noise = 0;                                    ///< [rad]
@@ -43,7 +43,6 @@ struct CalibrationRequest {
   /// Accepts a fit whose captures a suspect explains by 0.9, that predicts worse than before, or
   /// that stays beyond five times the noise of its readings.
   bool force = false;
-  std::string date;  ///< ISO 8601, for the provenance
 };
 
 /// Another arm with the same stiffness as the calibrated one.
@@ -132,6 +131,12 @@ CalibrationOutcome runCalibration(const std::string& path,
 
 /// The current time in the format of a provenance: UTC, ISO 8601.
 std::string utcNow();
+
+/// Provenance, with the current time, of a scene that is made from another one and from data; the
+/// results of the fit are left.
+io::Provenance provenanceOf(const std::string& path, const std::vector<io::Override>& overrides,
+                            const std::string& sha256,
+                            const std::vector<io::Provenance::Data>& data);
 
 /// Distance of the model's tip from that of the shape fitted to each capture's tags by itself [m],
 /// as in model_error. NaN of captures whose tags determine no shape, or for which the model has

@@ -24,13 +24,6 @@ StandData loadStand(const std::vector<std::string>& paths);
 /// @throws std::invalid_argument naming the curves, or the missing K_eps.
 estimation::StandLaw standLawOf(const io::Scene& scene, const std::string& contraction);
 
-/// The replaced part of the scene, and by which number of muscles in parallel it was measured.
-struct StandRequest {
-  std::string contraction;  ///< name of the curve; empty if the arm has one
-  int muscles = 1;
-  std::string date;  ///< ISO 8601, for the provenance
-};
-
 /// Result of a calibration on a testing machine.
 struct StandOutcome {
   std::string contraction;  ///< name of the curve
@@ -41,9 +34,11 @@ struct StandOutcome {
 
 /// Fits curve and K_eps, and makes the calibrated scene. Writes no file.
 /// @param path, overrides  file and overrides of the calibrated scene.
+/// @param contraction  name of the curve; empty if the arm has one.
+/// @param muscles  in parallel, by which it was measured.
 /// @throws std::invalid_argument if the arm has several curves, as one K_eps is of all muscles;
 ///     DocumentError if the scene has faults, before or after.
 StandOutcome calibrateStand(const std::string& path, const std::vector<io::Override>& overrides,
-                            const StandRequest& request, const StandData& data);
+                            const std::string& contraction, int muscles, const StandData& data);
 
 }  // namespace helix_arm::procedures
