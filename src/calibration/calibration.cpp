@@ -157,7 +157,7 @@ bool stiffnessHolds(const CalibrationProblem& problem, const Eigen::VectorXd& va
 void addHeldOut(const CalibrationFit& fit, const Groups& groups, Calibration& out) {
   const CrossValidation& left_out = *fit.left_out;
   if (groups.pressure.size() >= kFewestPressures) {
-    raiseErrors(fit.problem->parameters(), left_out.variance, out.parameters);
+    raiseErrors(fit.problem->parameters(), left_out.jackknife.variance(), out.parameters);
   }
   if (!left_out.complete) {
     out.warnings.push_back(
@@ -235,15 +235,16 @@ std::optional<Verdict> unidentified(const std::vector<Parameter>& parameters) {
 }
 
 // Leaves out each pressure, and each arm, in turn, unless the fit explains too little.
-HeldOutVerdict leaveOut(const std::vector<ArmCaptures>& read, const Groups& groups,
-                        ReadingKind kind, double robust_scale, const CalibrationFit& fit) {
+std::optional<CrossValidation> leaveOut(const std::vector<ArmCaptures>& read, const Groups& groups,
+                                        ReadingKind kind, double robust_scale,
+                                        const CalibrationFit& fit) {
   const std::vector<Comparison> comparisons = fit.problem->compare(fit.noise_scale);
-  if (unexplained(comparisons, robust_scale)) return {};
+  if (unexplained(comparisons, robust_scale)) return std::nullopt;
   CrossValidation left_out =
       crossValidate(read, groups, kind, *fit.problem, fit.noise_scale, comparisons);
-  const bool holds_up =
-      groups.pressure.size() < kFewestPressures || stiffnessHolds(*fit.problem, left_out.variance);
-  return {holds_up, std::move(left_out)};
+  left_out.holds_up = groups.pressure.size() < kFewestPressures ||
+                      stiffnessHolds(*fit.problem, left_out.jackknife.variance());
+  return left_out;
 }
 
 std::optional<Verdict> unfinished(const CalibrationFit& fit) {
@@ -299,7 +300,7 @@ Calibration calibrate(const std::vector<ArmCaptures>& arms, const CalibrationOpt
   const bool predicts = !options.free_shapes && options.errors;
   const bool leave_out = predicts && options.held_out;
   const auto check = [&](const CalibrationFit& one) {
-    return leave_out ? leaveOut(read, groups, kind, options.robust_scale, one) : HeldOutVerdict();
+    return leave_out ? leaveOut(read, groups, kind, options.robust_scale, one) : std::nullopt;
   };
   const CalibrationFit fit = fitIdentified(read, options, selectionOf(options), kind, check);
   if (const auto verdict = unfinished(fit)) return refused(std::move(out), *verdict);
@@ -316,7 +317,8 @@ Calibration calibrate(const std::vector<ArmCaptures>& arms, const CalibrationOpt
   std::vector<Jackknife> jackknives;
   if (fit.left_out) {
     if (groups.pressure.size() >= kFewestPressures) {
-      if (fit.asked_left_out && fit.problem != fit.asked) jackknives = {*fit.asked_left_out};
+      const CalibrationFit::Asked& asked = fit.asked;
+      if (asked.left_out && fit.problem != asked.problem) jackknives = {*asked.left_out};
       jackknives.push_back(fit.left_out->jackknife);
     }
     addHeldOut(fit, groups, out);

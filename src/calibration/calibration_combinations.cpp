@@ -25,29 +25,6 @@ double errorOf(ReadingKind kind, const std::vector<Comparison>& comparisons) {
   return basics::medianOf(std::move(errors));
 }
 
-// Groups of captures to leave out in turn.
-struct Folds {
-  std::vector<int> of;              // (captures)
-  std::vector<std::string> labels;  // (groups)
-};
-
-Folds foldsOf(const Groups& groups) {
-  Folds folds{groups.of, {}};
-  for (const Eigen::VectorXd& pressure : groups.pressure) {
-    folds.labels.push_back(pressureText(pressure));
-  }
-  return folds;
-}
-
-Folds foldsOf(const std::vector<ArmCaptures>& arms) {
-  Folds folds;
-  for (std::size_t a = 0; a < arms.size(); ++a) {
-    folds.of.insert(folds.of.end(), arms[a].captures.size(), static_cast<int>(a));
-    folds.labels.push_back(arms[a].name);
-  }
-  return folds;
-}
-
 // One refit without each group, from the full solution.
 struct Refits {
   std::vector<Eigen::VectorXd> vectors;           // (groups) values of the parameters
@@ -56,21 +33,23 @@ struct Refits {
   bool complete = true;
 };
 
-Refits refit(CalibrationProblem& problem, double noise_scale, const Folds& folds) {
+// @param of  (captures) group of each.
+Refits refit(CalibrationProblem& problem, double noise_scale, const std::vector<int>& of,
+             std::size_t groups) {
   Refits refits;
   refits.shapes.resize(problem.captures());
   const Values full = problem.values();
-  for (int g = 0; g < static_cast<int>(folds.labels.size()); ++g) {
+  for (int g = 0; g < static_cast<int>(groups); ++g) {
     refits.complete &=
-        problem.solve(noise_scale, [&](int capture) { return folds.of[capture] != g; }).converged;
+        problem.solve(noise_scale, [&](int capture) { return of[capture] != g; }).converged;
     refits.vectors.push_back(problem.vector());
     std::vector<Comparison> left_out;
     for (const Comparison& one : problem.compare(noise_scale)) {
-      if (folds.of[one.capture] == g) left_out.push_back(one);
+      if (of[one.capture] == g) left_out.push_back(one);
     }
     refits.left_out.push_back(std::move(left_out));
     for (int c = 0; c < problem.captures(); ++c) {
-      if (folds.of[c] == g) refits.shapes[c] = problem.shape(c).twists();
+      if (of[c] == g) refits.shapes[c] = problem.shape(c).twists();
     }
     problem.values() = full;
   }
@@ -230,17 +209,20 @@ std::vector<Combination> combinationsAmong(const LogErrors& errors,
 CrossValidation crossValidate(const std::vector<ArmCaptures>& arms, const Groups& groups,
                               ReadingKind kind, CalibrationProblem& problem, double noise_scale,
                               const std::vector<Comparison>& in_sample) {
-  const Folds pressures = foldsOf(groups);
-  Refits refits = refit(problem, noise_scale, pressures);
+  std::vector<std::string> labels;
+  for (const Eigen::VectorXd& one : groups.pressure) labels.push_back(pressureText(one));
+  Refits refits = refit(problem, noise_scale, groups.of, labels.size());
   CrossValidation out;
-  out.by_pressure = heldOut(kind, refits, pressures.labels, in_sample);
+  out.by_pressure = heldOut(kind, refits, labels, in_sample);
   out.shapes = std::move(refits.shapes);
   out.complete = refits.complete;
   out.jackknife = jackknifeOf(problem.parameters(), refits.vectors);
-  out.variance = out.jackknife.deviations.colwise().squaredNorm().transpose();
   if (arms.size() < 2) return out;
-  const Folds by_arm = foldsOf(arms);
-  out.by_arm = heldOut(kind, refit(problem, noise_scale, by_arm), by_arm.labels, in_sample);
+  std::vector<int> arm_of;
+  for (int c = 0; c < problem.captures(); ++c) arm_of.push_back(problem.armOf(c));
+  labels.clear();
+  for (const ArmCaptures& arm : arms) labels.push_back(arm.name);
+  out.by_arm = heldOut(kind, refit(problem, noise_scale, arm_of, arms.size()), labels, in_sample);
   return out;
 }
 
@@ -249,12 +231,12 @@ std::vector<Combination> combinationsOf(const std::vector<ArmCaptures>& arms,
                                         const CalibrationFit& fit, ReadingKind kind,
                                         const std::vector<Parameter>& reported,
                                         const std::vector<Jackknife>& left_out) {
-  if (!fit.asked || fit.asked->selection().stiffness().size() < 2) return {};
+  if (!fit.asked.problem || fit.asked.problem->selection().stiffness().size() < 2) return {};
   const Eigen::MatrixXd covariance = stiffnessErrors(arms, options, fit, kind);
   LogErrors errors;
   std::vector<int> kept;
   for (int i = 0; i < static_cast<int>(covariance.rows()); ++i) {
-    const ParameterInfo& info = fit.asked->parameters()[static_cast<std::size_t>(i)];
+    const ParameterInfo& info = fit.asked.problem->parameters()[static_cast<std::size_t>(i)];
     const auto found =
         std::find_if(reported.begin(), reported.end(),
                      [&info](const Parameter& one) { return one.name == info.name; });

@@ -392,16 +392,15 @@ CalibrationFit fitIdentified(const std::vector<ArmCaptures>& arms,
   // Keeps what the check left out with the fit.
   const auto isGood = [&](CalibrationFit& fit) {
     if (!fit.converged || !stiffnessIsIdentified(fit)) return false;
-    HeldOutVerdict verdict = check(fit);
-    fit.left_out = std::move(verdict.left_out);
-    return verdict.holds_up;
+    fit.left_out = check(fit);
+    return !fit.left_out || fit.left_out->holds_up;
   };
   Candidate first = candidateOf(arms, options, wanted, all, bias);
   if (!options.errors) return std::move(first.fit);
-  if (first.fit.converged) first.fit.asked = first.fit.problem;
-  first.fit.asked_noise_scale = first.fit.noise_scale;
+  if (first.fit.converged) first.fit.asked.problem = first.fit.problem;
+  first.fit.asked.noise_scale = first.fit.noise_scale;
   const bool good = isGood(first.fit);
-  if (first.fit.left_out) first.fit.asked_left_out = first.fit.left_out->jackknife;
+  if (first.fit.left_out) first.fit.asked.left_out = first.fit.left_out->jackknife;
   const std::vector<FitParameter> entries = wanted.stiffness();
   if (good || entries.empty() || !first.fit.determined) return std::move(first.fit);
   const std::vector<ParameterInfo> infos = first.fit.problem->parameters();
@@ -411,9 +410,7 @@ CalibrationFit fitIdentified(const std::vector<ArmCaptures>& arms,
       if (stays) fit.held.push_back(heldParameter(infos[e]));
     }
   };
-  const std::shared_ptr<CalibrationProblem> asked = first.fit.asked;
-  const double asked_noise_scale = first.fit.asked_noise_scale;
-  const std::optional<Jackknife> asked_left_out = first.fit.asked_left_out;
+  const CalibrationFit::Asked asked = first.fit.asked;
   CalibrationFit last = std::move(first.fit);
   for (const Split& split :
        splitsOf(inverseOf(first.marginal), options.stiffness_prior * options.stiffness_prior)) {
@@ -423,11 +420,9 @@ CalibrationFit fitIdentified(const std::vector<ArmCaptures>& arms,
     for (const int e : split.fitted) selection.fit.insert(entries[static_cast<std::size_t>(e)]);
     CalibrationFit fit = candidateOf(arms, options, selection, all, bias).fit;
     fit.asked = asked;
-    fit.asked_noise_scale = asked_noise_scale;
-    fit.asked_left_out = asked_left_out;
     if (split.fitted.empty() || isGood(fit)) {
       hold(fit, split.fitted);
-      if (split.fitted.empty() && fit.converged) fit.left_out = check(fit).left_out;
+      if (split.fitted.empty() && fit.converged) fit.left_out = check(fit);
       return fit;
     }
     if (fit.converged || !last.converged) last = std::move(fit);
@@ -439,13 +434,13 @@ CalibrationFit fitIdentified(const std::vector<ArmCaptures>& arms,
 Eigen::MatrixXd stiffnessErrors(const std::vector<ArmCaptures>& arms,
                                 const CalibrationOptions& options, const CalibrationFit& fit,
                                 ReadingKind kind) {
-  CalibrationProblem& asked = *fit.asked;
+  CalibrationProblem& asked = *fit.asked.problem;
   const Eigen::VectorXd optimum = asked.values().stiffness;
   const Eigen::Index entries = optimum.size();
-  const Eigen::MatrixXd own = statisticsOf(asked, fit.asked_noise_scale).covariance;
+  const Eigen::MatrixXd own = statisticsOf(asked, fit.asked.noise_scale).covariance;
   Eigen::MatrixXd covariance =
       withUncertaintyOfHeld(own, asked, arms, options, allOf(asked.selection(), arms, kind),
-                            fit.asked_noise_scale)
+                            fit.asked.noise_scale)
           .topLeftCorner(entries, entries);
   const Values reported = valuesAmong(asked, *fit.problem);
   Eigen::VectorXd mean = optimum - reported.stiffness;
@@ -457,7 +452,7 @@ Eigen::MatrixXd stiffnessErrors(const std::vector<ArmCaptures>& arms,
     const auto mixed = (axis.array().abs() >= kLeastMix).count();
     if (variance < kSharp * kSharp || mixed < 2) continue;
     const ValleySpread spread =
-        spreadAlong(asked, fit.asked_noise_scale, axis, std::sqrt(variance));
+        spreadAlong(asked, fit.asked.noise_scale, axis, std::sqrt(variance));
     covariance += spread.covariance - variance * axis * axis.transpose();
     mean += spread.mean;
   }

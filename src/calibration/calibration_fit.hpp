@@ -49,6 +49,8 @@ struct Jackknife {
   /// (pressures x parameters) in the parameters' units: the sum of squares of a column is the
   /// variance of its parameter.
   Eigen::MatrixXd deviations;
+
+  Eigen::VectorXd variance() const { return deviations.colwise().squaredNorm().transpose(); }
 };
 
 struct CrossValidation {
@@ -56,8 +58,9 @@ struct CrossValidation {
   std::optional<HeldOut> by_arm;      ///< if there are several arms
   std::vector<model::Twists> shapes;  ///< (captures) from the fit without their pressure
   bool complete = true;               ///< whether all fits without a pressure converged
-  Eigen::VectorXd variance;  ///< (parameters) jackknife over pressures, in the parameters' units
-  Jackknife jackknife;       ///< the same with its correlations
+  Jackknife jackknife;                ///< over pressures
+  /// Whether the stiffness stays identified if any one pressure is left out.
+  bool holds_up = true;
 };
 
 struct CalibrationFit {
@@ -75,21 +78,17 @@ struct CalibrationFit {
   /// Requested parameters that keep their initial value. They remain parameters of the problem if
   /// no others would be left.
   std::vector<Parameter> held;
-  /// Problem of all requested parameters at its optimum, from which `held` was decided; null if it
-  /// did not converge. It is `problem` if nothing is held.
-  std::shared_ptr<CalibrationProblem> asked;
-  double asked_noise_scale = 1;  ///< at that optimum
-  // By the HeldOutCheck, if it left anything out.
-  std::optional<CrossValidation> left_out;
-  std::optional<Jackknife> asked_left_out;  ///< of `asked`
+  std::optional<CrossValidation> left_out;  ///< by the HeldOutCheck
+  /// Fit of all requested parameters, from which `held` was decided.
+  struct Asked {
+    std::shared_ptr<CalibrationProblem> problem;  ///< null if it did not converge
+    double noise_scale = 1;
+    std::optional<Jackknife> left_out;
+  } asked;
 };
 
-/// Whether the stiffness of a fit predicts what is left out, and what came of leaving it out.
-struct HeldOutVerdict {
-  bool holds_up = true;
-  std::optional<CrossValidation> left_out;
-};
-using HeldOutCheck = std::function<HeldOutVerdict(const CalibrationFit&)>;
+/// Leaves out what a fit should predict; nothing if nothing is left out.
+using HeldOutCheck = std::function<std::optional<CrossValidation>(const CalibrationFit&)>;
 
 /// Whether a parameter with this variance counts as identified; see Parameter::identifiable.
 bool isIdentified(const ParameterInfo& info, double variance);
