@@ -69,16 +69,24 @@ bool hasEntry(const model::Arm& arm, double model::Stiffness::*entry) {
 class ArmParameters {
  public:
   ArmParameters(const statics::ArmModel& model, const ArmFilterOptions& options) {
+    using Of = statics::Correction;
     const model::Arm& arm = model.arm();
     const model::Stiffness& deviation = options.stiffness_deviation;
-    if (hasEntry(arm, &model::Stiffness::gamma)) add(Entry::kGamma, "K_gamma", deviation.gamma);
-    if (hasEntry(arm, &model::Stiffness::kappa)) add(Entry::kKappa, "K_kappa", deviation.kappa);
-    if (hasEntry(arm, &model::Stiffness::tau)) add(Entry::kTau, "K_tau", deviation.tau);
-    if (statics::takesLoad(model.choice().setting.tier)) {
-      add(Entry::kEps, "K_eps", options.K_eps_deviation);
-    }
-    std::vector<int> rows;
-    for (const Entry entry : stiffness_) rows.push_back(static_cast<int>(entry));
+    std::vector<int> rows;  // of the options' correlation
+    const auto add = [&](bool has, int row, const char* name, double sd, Factor factor) {
+      if (!has) return;
+      rows.push_back(row);
+      stiffness_.push_back(factor);
+      addNamed(name, sd);
+    };
+    add(hasEntry(arm, &model::Stiffness::gamma), 0, "K_gamma", deviation.gamma,
+        [](Of& of) -> double& { return of.stiffness_factors.gamma; });
+    add(hasEntry(arm, &model::Stiffness::kappa), 1, "K_kappa", deviation.kappa,
+        [](Of& of) -> double& { return of.stiffness_factors.kappa; });
+    add(hasEntry(arm, &model::Stiffness::tau), 2, "K_tau", deviation.tau,
+        [](Of& of) -> double& { return of.stiffness_factors.tau; });
+    add(statics::takesLoad(model.choice().setting.tier), 3, "K_eps", options.K_eps_deviation,
+        [](Of& of) -> double& { return of.K_eps_factor; });
     correlation_ = options.stiffness_correlation(rows, rows);
     const int n = arm.actuatorCount();
     if (n <= kMostLengthScales) {
@@ -124,20 +132,7 @@ class ArmParameters {
         correction.length_scale.segment(span.begin, span.end - span.begin).setConstant(factor);
         continue;
       }
-      switch (stiffness_[static_cast<std::size_t>(j)]) {
-        case Entry::kGamma:
-          correction.stiffness_factors.gamma = factor;
-          break;
-        case Entry::kKappa:
-          correction.stiffness_factors.kappa = factor;
-          break;
-        case Entry::kTau:
-          correction.stiffness_factors.tau = factor;
-          break;
-        case Entry::kEps:
-          correction.K_eps_factor = factor;
-          break;
-      }
+      stiffness_[static_cast<std::size_t>(j)](correction) = factor;
     }
     for (int i = 0; i < strokeCount(); ++i) {
       const double stroke = std::exp(theta[strokesBegin() + i]),
@@ -148,14 +143,7 @@ class ArmParameters {
   }
 
  private:
-  enum class Entry { kGamma, kKappa, kTau, kEps };  // in the order of the options' correlation
-
-  void add(Entry entry, const char* name, double deviation) {
-    stiffness_.push_back(entry);
-    names_.emplace_back(name);
-    deviations_.conservativeResize(count());
-    deviations_[count() - 1] = deviation;
-  }
+  using Factor = double& (*)(statics::Correction&);
 
   void addLengths(Span span, const std::string& name, double deviation) {
     spans_.push_back(span);
@@ -168,7 +156,7 @@ class ArmParameters {
     deviations_[count() - 1] = deviation;
   }
 
-  std::vector<Entry> stiffness_;
+  std::vector<Factor> stiffness_;
   std::vector<Span> spans_;
   std::vector<double> rest_;  // lengths of the actuators with a stroke [m]
   std::vector<std::string> names_;
