@@ -64,16 +64,15 @@ Eigen::Matrix3Xd determinedDirections(const Eigen::Vector3d& force,
 }
 
 /// A copy of a filter's state with a constant force on the arm from then on: [theta; b; f].
-class OnsetState {
- public:
+struct OnsetState : Gaussian {
   /// @param watch  [theta; b]. @param deviation  standard deviation of each entry of f [N].
   OnsetState(const Gaussian& watch, double deviation) {
     const Eigen::Index size = watch.mean.size();
-    state_.mean = Eigen::VectorXd::Zero(size + 3);
-    state_.mean.head(size) = watch.mean;
-    state_.covariance = Eigen::MatrixXd::Zero(size + 3, size + 3);
-    state_.covariance.topLeftCorner(size, size) = watch.covariance;
-    state_.covariance.diagonal().tail<3>().setConstant(deviation * deviation);
+    mean = Eigen::VectorXd::Zero(size + 3);
+    mean.head(size) = watch.mean;
+    covariance = Eigen::MatrixXd::Zero(size + 3, size + 3);
+    covariance.topLeftCorner(size, size) = watch.covariance;
+    covariance.diagonal().tail<3>().setConstant(deviation * deviation);
   }
 
   /// Prediction between two pictures. @param creep  of the force [N s^-1/2].
@@ -84,40 +83,33 @@ class OnsetState {
 
   /// The force may be another one by this much [N].
   void renewForce(double deviation) {
-    state_.covariance.diagonal().tail<3>().array() += deviation * deviation;
+    covariance.diagonal().tail<3>().array() += deviation * deviation;
   }
 
   /// Adds to the covariance of b, (d x d).
-  void growBias(const Eigen::MatrixXd& covariance) {
-    const Eigen::Index d = covariance.rows(), begin = state_.mean.size() - 3 - d;
-    state_.covariance.block(begin, begin, d, d) += covariance;
+  void growBias(const Eigen::MatrixXd& growth) {
+    const Eigen::Index d = growth.rows(), begin = mean.size() - 3 - d;
+    covariance.block(begin, begin, d, d) += growth;
   }
 
   /// The onset's expectation of a picture, linear about the step's theta.
   /// @param by_force  (d x 3) change of the measured twists with f.
-  Gaussian::Measurement expect(const ArmFilter::Step& step, const Eigen::MatrixXd& by_force) const {
+  Measurement expect(const ArmFilter::Step& step, const Eigen::MatrixXd& by_force) const {
     const Eigen::Index parameters = step.theta.size(), d = step.measured.size();
     Eigen::MatrixXd H(d, parameters + d + 3);
     H << step.model.by_theta, Eigen::MatrixXd::Identity(d, d), by_force;
-    Eigen::VectorXd from = state_.mean;
+    Eigen::VectorXd from = mean;
     from.head(parameters) -= step.theta;
     return {step.measured - step.model.twists - H * from, H, step.noise};
   }
 
   /// Covariance (d x d) of a picture's innovation.
-  Eigen::MatrixXd spread(const Gaussian::Measurement& measurement) const {
-    return measurement.H * state_.covariance * measurement.H.transpose() + measurement.noise;
-  }
-  void update(const Gaussian::Measurement& measurement) { state_.update(measurement); }
-  double distance2(const Gaussian::Measurement& measurement) const {
-    return state_.distance2(measurement);
-  }
-  double logLikelihood(const Gaussian::Measurement& measurement) const {
-    return state_.logLikelihood(measurement);
+  Eigen::MatrixXd spread(const Measurement& measurement) const {
+    return measurement.H * covariance * measurement.H.transpose() + measurement.noise;
   }
 
-  Eigen::Vector3d force() const { return state_.mean.tail<3>(); }  // [N]
-  Eigen::Matrix3d forceCovariance() const { return state_.covariance.bottomRightCorner<3, 3>(); }
+  Eigen::Vector3d force() const { return mean.tail<3>(); }  // [N]
+  Eigen::Matrix3d forceCovariance() const { return covariance.bottomRightCorner<3, 3>(); }
 
   /// f' P_ff^-1 f, about twice the log likelihood ratio of a force against none.
   double score() const {
@@ -126,12 +118,9 @@ class OnsetState {
 
   /// [theta; b].
   Gaussian withoutForce() const {
-    const Eigen::Index size = state_.mean.size() - 3;
-    return {state_.mean.head(size), state_.covariance.topLeftCorner(size, size)};
+    const Eigen::Index size = mean.size() - 3;
+    return {mean.head(size), covariance.topLeftCorner(size, size)};
   }
-
- private:
-  Gaussian state_;
 };
 
 }  // namespace
