@@ -289,26 +289,25 @@ const char* nameOf(CalibrationStatus status) {
 
 Calibration calibrate(const std::vector<ArmCaptures>& arms, const CalibrationOptions& options) {
   Calibration out;
-  const std::vector<ArmCaptures> read = withReadings(arms);
-  if (const auto verdict = unsound(read)) return refused(std::move(out), *verdict);
-  const ReadingKind kind = kindOf(firstReading(read));
+  if (const auto verdict = unsound(arms)) return refused(std::move(out), *verdict);
+  const ReadingKind kind = kindOf(firstReading(arms));
   out.error_unit = unitOf(kind);
-  if (const auto verdict = unfit(read, options, kind)) return refused(std::move(out), *verdict);
+  if (const auto verdict = unfit(arms, options, kind)) return refused(std::move(out), *verdict);
 
-  const Groups groups = groupByPressure(read);
+  const Groups groups = groupByPressure(arms);
   // Free shapes predict nothing, so no pressure would be more informative than another.
   const bool predicts = !options.free_shapes && options.errors;
   const bool leave_out = predicts && options.held_out;
   const auto check = [&](const CalibrationFit& one) {
-    return leave_out ? leaveOut(read, groups, kind, options.robust_scale, one) : std::nullopt;
+    return leave_out ? leaveOut(arms, groups, kind, options.robust_scale, one) : std::nullopt;
   };
-  const CalibrationFit fit = fitIdentified(read, options, selectionOf(options), kind, check);
+  const CalibrationFit fit = fitIdentified(arms, options, selectionOf(options), kind, check);
   if (const auto verdict = unfinished(fit)) return refused(std::move(out), *verdict);
   addFit(fit, out);
   const std::vector<Comparison> comparisons = fit.problem->compare(fit.noise_scale);
   out.noise_scale = fit.noise_scale;
-  if (options.errors) out.usual_scale = usualScale(read, options, *fit.problem);
-  addResiduals(read, *fit.problem, comparisons, options.robust_scale, out);
+  if (options.errors) out.usual_scale = usualScale(arms, options, *fit.problem);
+  addResiduals(arms, *fit.problem, comparisons, options.robust_scale, out);
   if (const auto verdict = unexplained(comparisons, options.robust_scale)) {
     return refused(std::move(out), *verdict);
   }
@@ -330,13 +329,13 @@ Calibration calibrate(const std::vector<ArmCaptures>& arms, const CalibrationOpt
     for (std::size_t c = 0; c < out.captures.size(); ++c) {
       out.captures[c].gain = gains.of[groups.of[c]];
     }
-    out.next_pressures = nextPressures(fit, read.front().arm, options.next_pressures);
+    out.next_pressures = nextPressures(fit, arms.front().arm, options.next_pressures);
   }
-  out.combinations = combinationsOf(read, options, fit, kind, out.parameters, jackknives);
-  const std::vector<std::string> warnings = warningsOf(read, groups, fit, out.captures, gains);
+  out.combinations = combinationsOf(arms, options, fit, kind, out.parameters, jackknives);
+  const std::vector<std::string> warnings = warningsOf(arms, groups, fit, out.captures, gains);
   out.warnings.insert(out.warnings.end(), warnings.begin(), warnings.end());
   if (options.errors) {
-    const std::vector<std::string> more = warningsOfHeld(read, options, fit, kind, out.parameters);
+    const std::vector<std::string> more = warningsOfHeld(arms, options, fit, kind, out.parameters);
     out.warnings.insert(out.warnings.end(), more.begin(), more.end());
   }
   out.status = CalibrationStatus::kCalibrated;
@@ -344,12 +343,11 @@ Calibration calibrate(const std::vector<ArmCaptures>& arms, const CalibrationOpt
 }
 
 std::optional<LeastTipError> fitLeastTipError(const std::vector<ArmCaptures>& arms) {
-  const std::vector<ArmCaptures> read = withReadings(arms);
-  if (unsound(read)) return std::nullopt;
+  if (unsound(arms)) return std::nullopt;
   CalibrationOptions options;
   options.fit = {FitParameter::kKappa};
-  if (unfit(read, options, kindOf(firstReading(read)))) return std::nullopt;
-  CalibrationProblem problem(read, options, selectionOf(options));
+  if (unfit(arms, options, kindOf(firstReading(arms)))) return std::nullopt;
+  CalibrationProblem problem(arms, options, selectionOf(options));
   const auto errorAt = [&problem](double log_kappa) {
     problem.values().stiffness[0] = log_kappa;
     double sum = 0;

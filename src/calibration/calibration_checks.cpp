@@ -79,12 +79,6 @@ std::optional<std::string> inMillimetres(const std::vector<ArmCaptures>& arms) {
   return std::nullopt;
 }
 
-bool isEmpty(const Reading& reading) {
-  const auto* poses = std::get_if<std::vector<PoseObservation>>(&reading);
-  const auto* corners = std::get_if<std::vector<CornerObservation>>(&reading);
-  return (poses && poses->empty()) || (corners && corners->empty());
-}
-
 template <class Holds>
 bool anyFitted(const CalibrationOptions& options, const Holds& holds) {
   return std::any_of(options.fit.begin(), options.fit.end(),
@@ -245,17 +239,6 @@ const Reading& firstReading(const std::vector<ArmCaptures>& arms) {
   const auto first = std::find_if(arms.begin(), arms.end(),
                                   [](const ArmCaptures& arm) { return !arm.captures.empty(); });
   return first->captures.front().reading;
-}
-
-std::vector<ArmCaptures> withReadings(const std::vector<ArmCaptures>& arms) {
-  std::vector<ArmCaptures> out = arms;
-  for (ArmCaptures& arm : out) {
-    auto& captures = arm.captures;
-    captures.erase(std::remove_if(captures.begin(), captures.end(),
-                                  [](const Capture& capture) { return isEmpty(capture.reading); }),
-                   captures.end());
-  }
-  return out;
 }
 
 std::optional<Verdict> unsound(const std::vector<ArmCaptures>& arms) {

@@ -23,8 +23,6 @@ const char* unitOf(ReadingKind kind);
 /// "100, 0, 50 kPa".
 std::string pressureText(const Eigen::VectorXd& pressure);
 
-/// The same arms, without captures that have no readings.
-std::vector<ArmCaptures> withReadings(const std::vector<ArmCaptures>& arms);
 /// Requires at least one capture.
 const Reading& firstReading(const std::vector<ArmCaptures>& arms);
 
@@ -33,7 +31,7 @@ struct Verdict {
   CalibrationStatus status;
   std::string reason;
 };
-/// Faults of the captures, all of which must have readings.
+/// Faults of the captures.
 std::optional<Verdict> unsound(const std::vector<ArmCaptures>& arms);
 /// Why sound captures cannot determine the requested parameters.
 std::optional<Verdict> unfit(const std::vector<ArmCaptures>& arms,

@@ -125,7 +125,6 @@ struct Explanation {
 // Tries fault hypotheses on captures with fits of a request.
 class Diagnosis {
  public:
-  // @param read  with readings.
   Diagnosis(const std::vector<ArmCaptures>& read, const CalibrationOptions& options,
             const std::function<bool()>& stop)
       : read_(read), few_(fewOf(read)), asked_(options), options_(options), stop_(stop) {
@@ -191,7 +190,7 @@ class Diagnosis {
   std::optional<Quality> fit(CalibrationInput input, Effort effort, bool clamp) const {
     if (stopped()) return std::nullopt;
     if (clampPressures(input.arms) > kBeyondLimit && !clamp) return std::nullopt;
-    const std::vector<ArmCaptures> read = withReadings(input.arms);
+    const std::vector<ArmCaptures>& read = input.arms;
     if (unsound(read)) return std::nullopt;
     const ReadingKind kind = kindOf(firstReading(read));
     if (unfit(read, input.options, kind)) return std::nullopt;
@@ -376,12 +375,11 @@ bool isCertain(const std::vector<Suspect>& suspects, double noise) {
 std::vector<Suspect> suspectsOf(const std::vector<ArmCaptures>& arms,
                                 const CalibrationOptions& options,
                                 const std::function<bool()>& stop) {
-  const std::vector<ArmCaptures> read = withReadings(arms);
-  if (read.empty() || read.front().captures.empty()) return {};
-  std::vector<ArmCaptures> clamped = read;
+  if (arms.empty() || arms.front().captures.empty()) return {};
+  std::vector<ArmCaptures> clamped = arms;
   const bool outside = clampPressures(clamped) > kBeyondLimit;
   if (unsound(clamped)) return {};
-  return Diagnosis(read, options, stop).suspects(outside);
+  return Diagnosis(arms, options, stop).suspects(outside);
 }
 
 }  // namespace helix_arm::estimation

@@ -41,6 +41,13 @@ using estimation::ResponseVerdict;
 using CornersOfTags = std::vector<estimation::CornerObservation>;
 using PosesOfTags = std::vector<estimation::PoseObservation>;
 
+// Whether it is of tags, and shows none.
+bool isEmpty(const estimation::Capture& capture) {
+  const auto* poses = std::get_if<PosesOfTags>(&capture.reading);
+  const auto* corners = std::get_if<CornersOfTags>(&capture.reading);
+  return (poses != nullptr && poses->empty()) || (corners != nullptr && corners->empty());
+}
+
 // Captures whose poses of tags, if they have some, are seen from another base.
 std::vector<estimation::Capture> movedBy(const lie::SE3& X_B1B,
                                          std::vector<estimation::Capture> captures) {
@@ -573,9 +580,7 @@ class CalibrationJob {
     ArmCaptures arm = makeArmCaptures(scene, {});
     std::vector<int> empty;
     for (const estimation::Capture& capture : captures) {
-      const auto* poses = std::get_if<PosesOfTags>(&capture.reading);
-      const auto* corners = std::get_if<CornersOfTags>(&capture.reading);
-      if ((poses != nullptr && poses->empty()) || (corners != nullptr && corners->empty())) {
+      if (isEmpty(capture)) {
         empty.push_back(capture.number);
       } else {
         arm.captures.push_back(capture);
@@ -1074,6 +1079,7 @@ std::vector<estimation::Suspect> tagSuspectsOf(const io::Scene& scene,
     const Eigen::VectorXd rest = Eigen::VectorXd::Zero(scene.arm.actuatorCount());
     some.back().pressure = scene.arm.clamped(rest).array() + static_cast<double>(k);
   }
+  some.erase(std::remove_if(some.begin(), some.end(), isEmpty), some.end());
   estimation::CalibrationOptions options;
   options.fit = {FitParameter::kBase};
   options.free_shapes = true;
