@@ -35,7 +35,7 @@ Calibration refused(Calibration so_far, const Verdict& verdict) {
 
 std::vector<Parameter> fittedParameters(const CalibrationFit& fit) {
   const std::vector<ParameterInfo>& infos = fit.problem->parameters();
-  const Eigen::VectorXd values = fit.problem->vector();
+  const Eigen::VectorXd values = fit.problem->blocks().vector();
   std::set<std::string> held;
   for (const Parameter& one : fit.held) held.insert(one.name);
   std::vector<Parameter> out;
@@ -81,7 +81,7 @@ void addFit(const CalibrationFit& fit, Calibration& out) {
   if (out.spline && fit.covariance.size() > 0) out.curve_test = testCurve(fit);
   out.X_B0B = problem.base();
   out.layout = problem.layout();
-  out.border_shift = problem.values().own_blocks.at(ParameterBlock::kBorderShift)[0];
+  out.border_shift = problem.blocks().borderShift();
   for (int c = 0; c < problem.captures(); ++c) {
     out.curves.push_back(problem.shape(c));
     out.shapes.push_back(out.curves.back().twists());
@@ -349,7 +349,7 @@ std::optional<LeastTipError> fitLeastTipError(const std::vector<ArmCaptures>& ar
   if (unfit(arms, options, kindOf(firstReading(arms)))) return std::nullopt;
   CalibrationProblem problem(arms, options, selectionOf(options));
   const auto errorAt = [&problem](double log_kappa) {
-    problem.values().stiffness[0] = log_kappa;
+    problem.setNumbers(Eigen::VectorXd::Constant(1, log_kappa));
     double sum = 0;
     const std::vector<Comparison> comparisons = problem.compare(1.0);
     for (const Comparison& one : comparisons) sum += one.error;

@@ -38,11 +38,11 @@ Refits refit(CalibrationProblem& problem, double noise_scale, const std::vector<
              std::size_t groups) {
   Refits refits;
   refits.shapes.resize(problem.captures());
-  const Values full = problem.values();
+  const Eigen::VectorXd full = problem.numbers();
   for (int g = 0; g < static_cast<int>(groups); ++g) {
     refits.complete &=
         problem.solve(noise_scale, [&](int capture) { return of[capture] != g; }).converged;
-    refits.vectors.push_back(problem.vector());
+    refits.vectors.push_back(problem.blocks().vector());
     std::vector<Comparison> left_out;
     for (const Comparison& one : problem.compare(noise_scale)) {
       if (of[one.capture] == g) left_out.push_back(one);
@@ -51,7 +51,7 @@ Refits refit(CalibrationProblem& problem, double noise_scale, const std::vector<
     for (int c = 0; c < problem.captures(); ++c) {
       if (of[c] == g) refits.shapes[c] = problem.shape(c).twists();
     }
-    problem.values() = full;
+    problem.setNumbers(full);
   }
   return refits;
 }

@@ -4,8 +4,8 @@
 
 namespace helix_arm::estimation {
 
-void LinearisedReadings::update(const Values& values, const Eigen::VectorXd& numbers,
-                                const Included& included, bool derivatives) {
+void LinearisedReadings::update(const Included& included, bool derivatives) {
+  const Eigen::VectorXd& numbers = blocks_.numbers();
   if (at_.size() != numbers.size() || at_ != numbers) {
     for (LinearisedCapture& one : captures_) one.known = LinearisedCapture::kNothing;
     at_ = numbers;
@@ -13,19 +13,19 @@ void LinearisedReadings::update(const Values& values, const Eigen::VectorXd& num
   const auto wanted = derivatives ? LinearisedCapture::kDerivatives : LinearisedCapture::kResiduals;
   for (std::size_t c = 0; c < captures_.size(); ++c) {
     if (captures_[c].known >= wanted || !included(static_cast<int>(c))) continue;
-    evaluate(c, values, derivatives);
+    evaluate(c, derivatives);
     captures_[c].known = wanted;
   }
 }
 
-void LinearisedReadings::evaluate(std::size_t capture, const Values& values, bool derivatives) {
+void LinearisedReadings::evaluate(std::size_t capture, bool derivatives) {
   LinearisedCapture& out = captures_[capture];
-  out.state = stateAt(shared_, places_[capture], kind_, values, derivatives);
+  out.state = stateAt(shared_, places_[capture], kind_, blocks_, derivatives);
   out.terms.resize(costs_[capture].size());
   for (std::size_t t = 0; t < out.terms.size(); ++t) {
     LinearisedCapture::Term& term = out.terms[t];
     const bool found = out.state.shape.found &&
-                       costs_[capture][t]->evaluate(out.state, values, term.residual,
+                       costs_[capture][t]->evaluate(out.state, blocks_, term.residual,
                                                     derivatives ? &term.J : nullptr, by_pieces_);
     term.square = found ? term.residual.squaredNorm() : std::numeric_limits<double>::infinity();
   }

@@ -30,23 +30,26 @@ struct LinearisedCapture {
 class LinearisedReadings {
  public:
   /// @param places, costs  (captures). Keeps references.
-  LinearisedReadings(Shared& shared, ReadingKind kind, const std::vector<Place>& places,
-                     const std::vector<ReadingCosts>& costs)
-      : shared_(shared), kind_(kind), places_(places), costs_(costs), captures_(places.size()) {}
+  LinearisedReadings(Shared& shared, const ParameterBlocks& blocks, ReadingKind kind,
+                     const std::vector<Place>& places, const std::vector<ReadingCosts>& costs)
+      : shared_(shared),
+        blocks_(blocks),
+        kind_(kind),
+        places_(places),
+        costs_(costs),
+        captures_(places.size()) {}
 
-  /// Evaluates the included captures at these values.
-  ///
-  /// @param numbers  the same values as one vector, by which they are recognised.
-  void update(const Values& values, const Eigen::VectorXd& numbers, const Included& included,
-              bool derivatives);
+  /// Evaluates the included captures at the values that the blocks have.
+  void update(const Included& included, bool derivatives);
 
   /// Results at the last values, for a capture that was included.
   const LinearisedCapture& of(std::size_t capture) const { return captures_[capture]; }
 
  private:
-  void evaluate(std::size_t capture, const Values& values, bool derivatives);
+  void evaluate(std::size_t capture, bool derivatives);
 
   Shared& shared_;
+  const ParameterBlocks& blocks_;
   const ReadingKind kind_;
   const std::vector<Place>& places_;
   const std::vector<ReadingCosts>& costs_;

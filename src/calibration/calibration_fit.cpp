@@ -76,22 +76,19 @@ std::vector<int> placesAmong(const std::vector<ParameterInfo>& others,
   return out;
 }
 
-// The values of `fitted` as those of a problem with more parameters, which are held at their
+// The numbers of `fitted` as those of a problem with more parameters, which are held at their
 // initial values.
-Values valuesAmong(const CalibrationProblem& all, const CalibrationProblem& fitted) {
+Eigen::VectorXd numbersAmong(const CalibrationProblem& all, const CalibrationProblem& fitted) {
   const std::vector<int> places = placesAmong(fitted.parameters(), all.parameters());
-  const Eigen::VectorXd at = fitted.vector();
-  const Eigen::Index entries = all.values().stiffness.size();
-  Values values = fitted.values();
-  values.stiffness = Eigen::VectorXd::Zero(entries);
-  values.length_scale.conservativeResizeLike(
-      Eigen::VectorXd::Zero(all.values().length_scale.size()));
-  values.curve.conservativeResizeLike(Eigen::VectorXd::Zero(all.values().curve.size()));
-  for (Eigen::Index i = 0; i < entries; ++i) {
+  const auto known = static_cast<Eigen::Index>(places.size());
+  Eigen::VectorXd numbers = Eigen::VectorXd::Zero(all.numbers().size());
+  const Eigen::Index shapes = numbers.size() - known;
+  numbers.tail(shapes) = fitted.numbers().tail(shapes);
+  for (Eigen::Index i = 0; i < known; ++i) {
     const int place = places[static_cast<std::size_t>(i)];
-    if (place >= 0) values.stiffness[i] = at[place];
+    if (place >= 0) numbers[i] = fitted.numbers()[place];
   }
-  return values;
+  return numbers;
 }
 
 // Covariance including the uncertainty of parameters that were held at their values during the fit.
@@ -109,7 +106,7 @@ Eigen::MatrixXd withUncertaintyOfHeld(Eigen::MatrixXd covariance, const Calibrat
     (places[i] >= 0 ? fitted_columns : held_columns).push_back(i);
   }
   if (held_columns.empty()) return covariance;
-  everything.values() = valuesAmong(everything, fitted);
+  everything.setNumbers(numbersAmong(everything, fitted));
   const Eigen::MatrixXd H = statisticsOf(everything, noise_scale).information;
   const Eigen::MatrixXd cross = H(fitted_columns, held_columns);
   const Eigen::MatrixXd shift = covariance * cross;
@@ -128,20 +125,22 @@ Eigen::MatrixXd withUncertaintyOfHeld(Eigen::MatrixXd covariance, const Calibrat
 // @return what to add to it.
 Eigen::MatrixXd bendingOfValleys(CalibrationProblem& problem, const NoisySolution& best,
                                  const Eigen::MatrixXd& covariance) {
-  const Values full = problem.values();
+  const Eigen::VectorXd full = problem.numbers();
   Eigen::MatrixXd more = Eigen::MatrixXd::Zero(covariance.rows(), covariance.cols());
-  const int entries = static_cast<int>(full.stiffness.size());
+  const int entries = static_cast<int>(problem.selection().stiffness().size());
   for (int e = 0; e < entries; ++e) {
     const double variance = covariance(e, e);
     if (variance < kSharp * kSharp) continue;
     const Eigen::VectorXd along = covariance.col(e) / variance;
     double profile = variance;
     for (const double side : {-kSpan, kSpan}) {
-      problem.values().stiffness += side * along.head(entries);
+      Eigen::VectorXd moved = full;
+      moved.head(entries) += side * along.head(entries);
+      problem.setNumbers(moved);
       const Eigen::VectorXd axis = Eigen::VectorXd::Unit(entries, e);
       const double rise = problem.solve(best.solved_scale, everyCapture, &axis).cost - best.cost;
       profile = std::max(profile, kSpan * kSpan / (2 * std::max(rise, kLeastRise)));
-      problem.values() = full;
+      problem.setNumbers(full);
     }
     more += (profile - variance) * along * along.transpose();
   }
@@ -157,20 +156,21 @@ struct ValleySpread {
 // Sampled at some points along the axis, with everything else refitted.
 ValleySpread spreadAlong(CalibrationProblem& problem, double noise_scale,
                          const Eigen::VectorXd& axis, double deviation) {
-  const Values best = problem.values();
-  const Eigen::Index entries = best.stiffness.size();
+  const Eigen::VectorXd best = problem.numbers();
+  const Eigen::Index entries = axis.size();
   std::vector<Eigen::VectorXd> points;
   std::vector<double> costs;
   for (int k = -kValleySteps; k <= kValleySteps; ++k) {
-    problem.values() = best;
-    problem.values().stiffness += k * kValleyStep * deviation * axis;
+    Eigen::VectorXd moved = best;
+    moved.head(entries) += k * kValleyStep * deviation * axis;
+    problem.setNumbers(moved);
     const double cost = problem.solve(noise_scale, everyCapture, &axis).cost;
-    const Eigen::VectorXd& at = problem.values().stiffness;
+    const Eigen::VectorXd at = problem.numbers().head(entries);
     if (!std::isfinite(cost) || !at.allFinite()) continue;
-    points.push_back(at - best.stiffness);
+    points.push_back(at - best.head(entries));
     costs.push_back(cost);
   }
-  problem.values() = best;
+  problem.setNumbers(best);
   ValleySpread out{Eigen::VectorXd::Zero(entries), Eigen::MatrixXd::Zero(entries, entries)};
   if (costs.empty()) return out;
   const double least = *std::min_element(costs.begin(), costs.end());
@@ -294,7 +294,7 @@ HeldTest testHeld(const FitParameterInfo& info, const std::vector<ArmCaptures>& 
   Selection all = allOf(fit.problem->selection(), arms, kind);
   all.fit.insert(info.parameter);
   CalibrationProblem everything(arms, options, all);
-  everything.values() = valuesAmong(everything, *fit.problem);
+  everything.setNumbers(numbersAmong(everything, *fit.problem));
   const std::vector<ParameterInfo>& infos = everything.parameters();
   const std::vector<int> fitted = placesAmong(infos, fit.problem->parameters());
   std::vector<int> own, others;
@@ -371,7 +371,7 @@ std::optional<std::string> warningOfLengths(const HeldTest& lengths, const Calib
 double squaresOf(const std::vector<ArmCaptures>& arms, const CalibrationOptions& options,
                  const CalibrationProblem& fitted) {
   CalibrationProblem problem(arms, options, fitted.selection());
-  problem.values() = fitted.values();
+  problem.setNumbers(fitted.numbers());
   double sum = 0;
   for (const Comparison& one : problem.compare(1.0, false)) sum += one.square;
   return sum;
@@ -435,15 +435,13 @@ Eigen::MatrixXd stiffnessErrors(const std::vector<ArmCaptures>& arms,
                                 const CalibrationOptions& options, const CalibrationFit& fit,
                                 ReadingKind kind) {
   CalibrationProblem& asked = *fit.asked.problem;
-  const Eigen::VectorXd optimum = asked.values().stiffness;
-  const Eigen::Index entries = optimum.size();
+  const auto entries = static_cast<Eigen::Index>(asked.selection().stiffness().size());
   const Eigen::MatrixXd own = statisticsOf(asked, fit.asked.noise_scale).covariance;
   Eigen::MatrixXd covariance =
       withUncertaintyOfHeld(own, asked, arms, options, allOf(asked.selection(), arms, kind),
                             fit.asked.noise_scale)
           .topLeftCorner(entries, entries);
-  const Values reported = valuesAmong(asked, *fit.problem);
-  Eigen::VectorXd mean = optimum - reported.stiffness;
+  Eigen::VectorXd mean = (asked.numbers() - numbersAmong(asked, *fit.problem)).head(entries);
   const PrincipalAxes axes = principalAxes(own.topLeftCorner(entries, entries));
   for (Eigen::Index j = 0; j < entries; ++j) {
     const double variance = axes.eigenvalues[j];
@@ -497,7 +495,7 @@ double usualScale(const std::vector<ArmCaptures>& read, const CalibrationOptions
 }
 
 CurveTest testCurve(const CalibrationFit& fit) {
-  const Eigen::VectorXd& deviation = fit.problem->values().curve;
+  const auto deviation = fit.problem->blocks().of(ParameterBlock::kCurve);
   const Eigen::Index size = deviation.size(), all = fit.covariance.rows();
   const Eigen::MatrixXd by_noise = inverseOf(fit.information);
   const Eigen::VectorXd prior = fit.problem->priorInformation().head(all);

@@ -86,7 +86,7 @@ CalibrationProblem::CalibrationProblem(const std::vector<ArmCaptures>& arms,
   equations_.emplace(blocks_,
                      selection.free_shapes ? ParameterBlock::kShape : ParameterBlock::kTag);
   for (auto* readings : {&here_, &there_}) {
-    *readings = std::make_unique<LinearisedReadings>(shared_, kind_, places_, costs_);
+    *readings = std::make_unique<LinearisedReadings>(shared_, blocks_, kind_, places_, costs_);
   }
 }
 
@@ -95,19 +95,19 @@ void CalibrationProblem::addShapes() {
   for (const Place& place : places_) {
     // Before there are shapes to fit, the model's.
     shared_.expected_shapes.push_back(
-        shared_.model.at(place.state, place.lengths, values().stiffness.data()).shape);
+        shared_.model.at(place.state, place.lengths, blocks_.numbers().data()).shape);
     const model::Twists model = shared_.expected_shapes.back().twists();
     Eigen::VectorXd mean(place.entries.size()), deviation(place.entries.size());
     for (std::size_t i = 0; i < place.entries.size(); ++i) {
       mean[i] = model.data()[place.entries[i]];
       deviation[i] = place.entries[i] % 6 < 3 ? prior.translation : prior.rotation;
     }
-    blocks_.addShape(mean, deviation);
+    blocks_.addShape(place.capture, mean, deviation);
   }
 }
 
 const LinearisedReadings& CalibrationProblem::readings(const Included& included, bool derivatives) {
-  here_->update(values(), blocks_.numbers(), included, derivatives);
+  here_->update(included, derivatives);
   return *here_;
 }
 
@@ -165,7 +165,7 @@ Solved CalibrationProblem::solve(double noise_scale, const Included& included,
                                  const Eigen::VectorXd* held, double tolerance) {
   const Task task{noise_scale, included, held};
   Eigen::VectorXd now = start_ = blocks_.numbers();
-  here_->update(blocks_.values(), now, task.included, true);
+  here_->update(task.included, true);
   Solved out{false, cost(task, *here_, now)};
   if (std::isnan(out.cost)) return out;
   assemble(task, *here_, now);
@@ -197,7 +197,7 @@ Solved CalibrationProblem::solve(double noise_scale, const Included& included,
     const Eigen::VectorXd next = now + step;
     blocks_.setNumbers(next);
     const bool derivatives = expected > kLastStep * out.cost;
-    there_->update(blocks_.values(), next, task.included, derivatives);
+    there_->update(task.included, derivatives);
     const double cost_there = cost(task, *there_, next);
     const double decrease = out.cost - cost_there;
     const bool at_end = step.norm() <= kParameterTolerance * (now.norm() + kParameterTolerance) ||
@@ -213,7 +213,7 @@ Solved CalibrationProblem::solve(double noise_scale, const Included& included,
     radius.accept(decrease / expected);
     now = next;
     out.cost = cost_there;
-    there_->update(blocks_.values(), now, task.included, true);
+    there_->update(task.included, true);
     std::swap(here_, there_);
     settled = decrease < kSettledStep;
     if (!at_end) assemble(task, *here_, now);
@@ -232,7 +232,7 @@ std::vector<Comparison> CalibrationProblem::compare(double noise_scale, bool err
       const double square = seen.terms[t].square;
       out.push_back({static_cast<int>(c), cost.tag(), cost.residuals(),
                      square / (noise_scale * noise_scale), cost.limit(),
-                     errors ? cost.shown(seen.state, values(), square) : 0.0});
+                     errors ? cost.shown(seen.state, blocks_, square) : 0.0});
     }
   }
   return out;
@@ -246,15 +246,14 @@ Eigen::MatrixXd CalibrationProblem::information(double noise_scale, const Includ
 
 Eigen::MatrixXd CalibrationProblem::expectedInformation(const Eigen::VectorXd& pressure,
                                                         double noise_scale) {
-  const Values& values = blocks_.values();
   const Place place = placeAt(shared_, 0, 0, pressure);
-  const CaptureState state = stateAt(shared_, place, kind_, values, true);
+  const CaptureState state = stateAt(shared_, place, kind_, blocks_, true);
   if (!state.shape.found) return Eigen::MatrixXd::Zero(blocks_.columns(), blocks_.columns());
   CalibrationEquations expected(blocks_, ParameterBlock::kTag);
   Eigen::MatrixXd by_pieces, J;
   Eigen::VectorXd residual;
   for (const auto& cost : expectedTerms(shared_, place, state, blocks_)) {
-    if (!cost->evaluate(state, values, residual, &J, by_pieces)) continue;
+    if (!cost->evaluate(state, blocks_, residual, &J, by_pieces)) continue;
     expected.addTerm(*cost, J, residual, 1 / (noise_scale * noise_scale));
   }
   return expected.hessian();
@@ -277,7 +276,7 @@ Eigen::VectorXd CalibrationProblem::lengthScale() const {
   const Shared& shared = shared_;
   Eigen::VectorXd out(shared.arms.front().arm.actuatorCount());
   for (int i = 0; i < out.size(); ++i) {
-    out[i] = shared.scaleOf(values().length_scale, i);
+    out[i] = shared.scaleOf(blocks_.of(ParameterBlock::kLengthScale), i);
   }
   return out;
 }
@@ -285,12 +284,12 @@ Eigen::VectorXd CalibrationProblem::lengthScale() const {
 std::optional<ContractionSpline> CalibrationProblem::spline() const {
   if (!selection().has(ParameterBlock::kCurve)) return std::nullopt;
   ContractionSpline spline = shared_.arms.front().free_curve->spline;
-  spline.lengths += spline.root * values().curve;
+  spline.lengths += spline.root * blocks_.of(ParameterBlock::kCurve);
   return spline;
 }
 
 lie::SE3 CalibrationProblem::base() const {
-  return lie::SE3::exp(lie::Vector6(values().own_blocks.at(ParameterBlock::kBase)));
+  return lie::SE3::exp(blocks_.motionOf(ParameterBlock::kBase));
 }
 
 TagLayout CalibrationProblem::layout() const {
@@ -298,13 +297,14 @@ TagLayout CalibrationProblem::layout() const {
   TagLayout layout = first.layout;
   for (std::size_t i = 0; i < layout.tags.size(); ++i) {
     const double length = first.arm.restLength(layout.tags[i].section);
-    layout.tags[i] = movedBy(layout.tags[i], values().tags[i], length);
+    layout.tags[i] = movedBy(layout.tags[i],
+                             blocks_.motionOf(ParameterBlock::kTag, static_cast<int>(i)), length);
   }
   return layout;
 }
 
 model::Shape CalibrationProblem::shape(int capture) {
-  return shapeAt(shared_, places_[capture], values(), false).shape;
+  return shapeAt(shared_, places_[capture], blocks_, false).shape;
 }
 
 }  // namespace helix_arm::estimation

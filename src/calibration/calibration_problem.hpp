@@ -49,11 +49,10 @@ class CalibrationProblem {
   /// Free parameters except those of shapes.
   const std::vector<ParameterInfo>& parameters() const { return blocks_.infos(); }
 
-  const Values& values() const { return blocks_.values(); }
-  /// The sizes must not change.
-  Values& values() { return blocks_.values(); }
-  /// Values of the free parameters in the order of parameters().
-  Eigen::VectorXd vector() const { return blocks_.vector(); }
+  const ParameterBlocks& blocks() const { return blocks_; }
+  /// Values of all free parameters, those of parameters() first, and of these the stiffness first.
+  const Eigen::VectorXd& numbers() const { return blocks_.numbers(); }
+  void setNumbers(const Eigen::VectorXd& numbers) { blocks_.setNumbers(numbers); }
 
   /// Multiplies the standard errors of the free lengths.
   void loosenCurve(double factor) { blocks_.loosenCurve(factor); }
@@ -113,7 +112,8 @@ class CalibrationProblem {
     return block.kind != ParameterBlock::kShape || included(block.of);
   }
   Elasticity elasticity() const {
-    return shared_.model.elasticityAt(values().stiffness.data(), shared_.model.initial());
+    return shared_.model.elasticityAt(blocks_.of(ParameterBlock::kStiffness).data(),
+                                      shared_.model.initial());
   }
 
   Shared shared_;

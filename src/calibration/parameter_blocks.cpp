@@ -20,17 +20,6 @@ std::vector<std::string> namesOf(const FitParameterInfo& info, const model::Arm*
   return names;
 }
 
-// @param values  constant or not, as are the numbers.
-template <class AnyValues>
-auto* dataOf(const ParameterBlocks::Block& block, AnyValues& values) {
-  if (block.kind == ParameterBlock::kStiffness) return values.stiffness.data();
-  if (block.kind == ParameterBlock::kLengthScale) return values.length_scale.data();
-  if (block.kind == ParameterBlock::kCurve) return values.curve.data();
-  if (block.kind == ParameterBlock::kShape) return values.shapes[block.of].data();
-  if (block.kind == ParameterBlock::kTag) return values.tags[block.of].data();
-  return values.own_blocks.at(block.kind).data();
-}
-
 }  // namespace
 
 bool Selection::has(ParameterBlock block) const {
@@ -68,22 +57,16 @@ ParameterBlocks::ParameterBlocks(const std::vector<ArmCaptures>& arms,
                                  const ShapeModel& model) {
   const ArmCaptures& first = arms.front();
   const std::vector<TagPlacement>& tags = first.layout.tags;
-  values_.stiffness.setZero(static_cast<Eigen::Index>(selection.stiffness().size()));
-  values_.length_scale.setZero(lengthScales(selection, first.arm));
-  values_.tags.assign(tags.size(), lie::Vector6::Zero());
   if (selection.has(ParameterBlock::kStiffness)) addStiffness(options, selection, model);
   if (selection.has(ParameterBlock::kLengthScale)) {
     const FitParameterInfo& info = infoOf(FitParameter::kLengthScale);
-    const bool each = values_.length_scale.size() > 1;
+    const bool each = lengthScales(selection, first.arm) > 1;
     addNumbers(info, options, 0, namesOf(info, each ? &first.arm : nullptr));
   }
   for (const FitParameterInfo& info : fitParameters()) {
     if (!info.hasOwnBlock() || info.block == ParameterBlock::kTag) continue;
-    const std::vector<std::string> names =
-        namesOf(info, info.eachActuator() ? &first.arm : nullptr);
-    values_.own_blocks[*info.block].setZero(
-        static_cast<Eigen::Index>(names.size() * info.numbers.size()));
-    if (selection.has(*info.block)) addNumbers(info, options, 0, names);
+    if (!selection.has(*info.block)) continue;
+    addNumbers(info, options, 0, namesOf(info, info.eachActuator() ? &first.arm : nullptr));
   }
   // Tags come last, with one block each, except the one that fixes the frame of all the others.
   const FitParameterInfo& tag = infoOf(FitParameter::kTags);
@@ -99,7 +82,6 @@ ParameterBlocks::ParameterBlocks(const std::vector<ArmCaptures>& arms,
 
 void ParameterBlocks::addCurve(const FreeCurve& curve) {
   const Eigen::Index count = curve.spline.lengths.size();
-  values_.curve.setZero(count);
   std::vector<ParameterInfo> infos;
   for (Eigen::Index k = 1; k <= count; ++k) {
     infos.push_back({"contraction_" + std::to_string(k), "", 1.0, false, 0.0, 0.0, false, false});
@@ -118,7 +100,14 @@ void ParameterBlocks::add(ParameterBlock kind, int of, const std::vector<Paramet
   std::transform(infos.begin(), infos.end(), deviation.begin(),
                  [](const ParameterInfo& info) { return info.deviation; });
   infos_.insert(infos_.end(), infos.begin(), infos.end());
-  blocks_.push_back({kind, of, columns(), Eigen::VectorXd::Zero(deviation.size()), deviation});
+  add(kind, of, Eigen::VectorXd::Zero(deviation.size()), deviation);
+}
+
+void ParameterBlocks::add(ParameterBlock kind, int of, const Eigen::VectorXd& mean,
+                          const Eigen::VectorXd& deviation) {
+  blocks_.push_back({kind, of, columns(), mean, deviation});
+  numbers_.conservativeResize(numbers_.size() + mean.size());
+  numbers_.tail(mean.size()) = mean;
 }
 
 void ParameterBlocks::addStiffness(const CalibrationOptions& options, const Selection& selection,
@@ -148,46 +137,32 @@ void ParameterBlocks::addNumbers(const FitParameterInfo& info, const Calibration
   add(*info.block, of, infos);
 }
 
-void ParameterBlocks::addShape(const Eigen::VectorXd& mean, const Eigen::VectorXd& deviation) {
-  blocks_.push_back({ParameterBlock::kShape, static_cast<int>(values_.shapes.size()), columns(),
-                     mean, deviation});
-  values_.shapes.push_back(mean);
+std::vector<ParameterBlocks::Block>::const_iterator ParameterBlocks::find(ParameterBlock kind,
+                                                                          int of) const {
+  return std::find_if(blocks_.begin(), blocks_.end(),
+                      [&](const Block& block) { return block.kind == kind && block.of == of; });
 }
 
 int ParameterBlocks::indexOf(ParameterBlock kind, int of) const {
-  const auto found = std::find_if(blocks_.begin(), blocks_.end(), [&](const Block& block) {
-    return block.kind == kind && block.of == of;
-  });
+  const auto found = find(kind, of);
   if (found == blocks_.end()) throw std::out_of_range("ParameterBlocks: no such block");
   return static_cast<int>(found - blocks_.begin());
 }
 
-int ParameterBlocks::columns() const {
-  return blocks_.empty() ? 0 : blocks_.back().column + blocks_.back().size();
+Eigen::Map<const Eigen::VectorXd> ParameterBlocks::of(ParameterBlock kind, int of) const {
+  const auto found = find(kind, of);
+  if (found == blocks_.end()) return {nullptr, 0};
+  return {numbers_.data() + found->column, found->size()};
 }
 
-// Numbers of shapes come last.
-Eigen::VectorXd ParameterBlocks::vector() const {
-  return numbers().head(static_cast<Eigen::Index>(infos_.size()));
+lie::Vector6 ParameterBlocks::motionOf(ParameterBlock kind, int index) const {
+  const auto numbers = of(kind, index);
+  return numbers.size() == 0 ? lie::Vector6::Zero() : lie::Vector6(numbers);
 }
 
-Eigen::VectorXd ParameterBlocks::numbers() const {
-  Eigen::VectorXd out(columns());
-  for (const Block& block : blocks_) {
-    out.segment(block.column, block.size()) =
-        Eigen::Map<const Eigen::VectorXd>(data(block), block.size());
-  }
-  return out;
+double ParameterBlocks::borderShift() const {
+  const auto numbers = of(ParameterBlock::kBorderShift);
+  return numbers.size() == 0 ? 0.0 : numbers[0];
 }
-
-void ParameterBlocks::setNumbers(const Eigen::VectorXd& numbers) {
-  for (const Block& block : blocks_) {
-    Eigen::Map<Eigen::VectorXd>(data(block), block.size()) =
-        numbers.segment(block.column, block.size());
-  }
-}
-
-double* ParameterBlocks::data(const Block& block) { return dataOf(block, values_); }
-const double* ParameterBlocks::data(const Block& block) const { return dataOf(block, values_); }
 
 }  // namespace helix_arm::estimation

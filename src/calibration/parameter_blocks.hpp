@@ -1,7 +1,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <map>
 #include <set>
 #include <string>
 #include <vector>
@@ -40,17 +39,6 @@ struct ParameterInfo {
   bool reported = true;  ///< false for the numbers of a curve, which mean nothing on their own
 };
 
-/// Parameters of a calibration, fitted or not.
-struct Values {
-  Eigen::VectorXd curve;                    ///< see FreeCurve
-  Eigen::VectorXd stiffness, length_scale;  ///< logarithms of the ratios to their initial values
-  /// Numbers of every block of FitParameterInfo::hasOwnBlock() except the tags, fitted or not: logs
-  /// of stroke scales, right-hand motion [m, rad] of the base, border shift [m].
-  std::map<ParameterBlock, Eigen::VectorXd> own_blocks;
-  std::vector<lie::Vector6> tags;       ///< shift along and across the arm [m], rotation [rad]
-  std::vector<Eigen::VectorXd> shapes;  ///< twists of captures, if shapes are free
-};
-
 /// Values of the free parameters and their division into blocks: those of ParameterInfo first, then
 /// the shapes of captures. The blocks of the least-squares problem and the columns of its
 /// information matrix have the same order.
@@ -75,31 +63,37 @@ class ParameterBlocks {
   /// Multiplies the deviation of the curve's prior.
   void loosenCurve(double factor);
 
-  /// Adds the block of the next capture's shape, at the mean of its prior.
-  void addShape(const Eigen::VectorXd& mean, const Eigen::VectorXd& deviation);
+  /// Adds the block of a capture's shape, at the mean of its prior.
+  void addShape(int capture, const Eigen::VectorXd& mean, const Eigen::VectorXd& deviation) {
+    add(ParameterBlock::kShape, capture, mean, deviation);
+  }
 
   const std::vector<Block>& all() const { return blocks_; }
   /// Index of a block. @throws std::out_of_range if there is none.
   int indexOf(ParameterBlock kind, int of) const;
   /// Number of free parameters of all blocks.
-  int columns() const;
+  int columns() const { return static_cast<int>(numbers_.size()); }
 
   /// Free parameters except those of shapes.
   const std::vector<ParameterInfo>& infos() const { return infos_; }
   /// Values of the free parameters in the order of infos().
-  Eigen::VectorXd vector() const;
-  /// Values of all free parameters, by their columns.
-  Eigen::VectorXd numbers() const;
-  void setNumbers(const Eigen::VectorXd& numbers);
-
-  const Values& values() const { return values_; }
-  Values& values() { return values_; }
-
-  /// The numbers of a block within the values; valid until the values are replaced.
-  double* data(const Block& block);
-  const double* data(const Block& block) const;
+  Eigen::VectorXd vector() const { return numbers_.head(static_cast<Eigen::Index>(infos_.size())); }
+  /// Values of all free parameters, by their columns: logs of stiffness and scales, of a FreeCurve
+  /// its numbers, right-hand motion [m, rad] of the base, shift along and across the arm [m] and
+  /// rotation [rad] of tags, border shift [m], twists of captures.
+  const Eigen::VectorXd& numbers() const { return numbers_; }
+  /// The size must not change.
+  void setNumbers(const Eigen::VectorXd& numbers) { numbers_ = numbers; }
+  /// Values of a block; empty if it is not free.
+  Eigen::Map<const Eigen::VectorXd> of(ParameterBlock kind, int of = 0) const;
+  /// Motion of the base or of a tag; 0 if it is not free.
+  lie::Vector6 motionOf(ParameterBlock kind, int of = 0) const;
+  double borderShift() const;  ///< 0 if it is not free [m]
 
  private:
+  std::vector<Block>::const_iterator find(ParameterBlock kind, int of) const;
+  void add(ParameterBlock kind, int of, const Eigen::VectorXd& mean,
+           const Eigen::VectorXd& deviation);
   void add(ParameterBlock kind, int of, const std::vector<ParameterInfo>& infos);
   void addStiffness(const CalibrationOptions& options, const Selection& selection,
                     const ShapeModel& model);
@@ -107,9 +101,9 @@ class ParameterBlocks {
   void addNumbers(const FitParameterInfo& info, const CalibrationOptions& options, int of,
                   const std::vector<std::string>& names);
 
-  Values values_;
   std::vector<Block> blocks_;
   std::vector<ParameterInfo> infos_;
+  Eigen::VectorXd numbers_;
 };
 
 }  // namespace helix_arm::estimation

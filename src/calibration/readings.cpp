@@ -40,7 +40,7 @@ class CurvatureCost final : public ReadingCost {
                 double measured)
       : ReadingCost(shared, place, 1, blocks), measured_(measured) {}
 
-  bool evaluate(const CaptureState& state, const Values&, Eigen::VectorXd& residual,
+  bool evaluate(const CaptureState& state, const ParameterBlocks&, Eigen::VectorXd& residual,
                 Eigen::MatrixXd* J, Eigen::MatrixXd&) const override {
     const double weight = 1 / shared_.options.curvature_noise;
     const model::Shape& shape = state.shape.shape;
@@ -55,7 +55,7 @@ class CurvatureCost final : public ReadingCost {
     return true;
   }
 
-  double shown(const CaptureState&, const Values&, double square) const override {
+  double shown(const CaptureState&, const ParameterBlocks&, double square) const override {
     return std::sqrt(square) * shared_.options.curvature_noise;
   }
 
@@ -75,7 +75,7 @@ class TwistCost final : public ReadingCost {
         Eigen::MatrixXd::Identity(reading.covariance.rows(), reading.covariance.cols()));
   }
 
-  bool evaluate(const CaptureState& state, const Values&, Eigen::VectorXd& residual,
+  bool evaluate(const CaptureState& state, const ParameterBlocks&, Eigen::VectorXd& residual,
                 Eigen::MatrixXd* J, Eigen::MatrixXd&) const override {
     const model::Shape& shape = state.shape.shape;
     const model::Twists difference = shape.twists() - measured_;
@@ -86,7 +86,7 @@ class TwistCost final : public ReadingCost {
   }
 
   // Distance of the tips [m].
-  double shown(const CaptureState& state, const Values&, double) const override {
+  double shown(const CaptureState& state, const ParameterBlocks&, double) const override {
     const model::Shape& shape = state.shape.shape;
     return (model::tipPose(shape).translation - model::tipPose(shape.about(measured_)).translation)
         .norm();
@@ -114,7 +114,7 @@ class TagCost final : public ReadingCost {
     rest_length_ = shared.arms[place.arm].arm.restLength(placement().section);
   }
 
-  bool evaluate(const CaptureState& state, const Values& values, Eigen::VectorXd& residual,
+  bool evaluate(const CaptureState& state, const ParameterBlocks& values, Eigen::VectorXd& residual,
                 Eigen::MatrixXd* J, Eigen::MatrixXd& by_pieces) const override {
     const Pose pose = poseAt(state, values);
     Rows rows;
@@ -144,12 +144,13 @@ class TagCost final : public ReadingCost {
     return true;
   }
 
-  double shown(const CaptureState& state, const Values& values, double square) const override {
+  double shown(const CaptureState& state, const ParameterBlocks& values,
+               double square) const override {
     return model_.shown(seen_, poseAt(state, values).X_B0T, square);
   }
 
   // Whether the tag faces the camera.
-  bool faces(const CaptureState& state, const Values& values) const {
+  bool faces(const CaptureState& state, const ParameterBlocks& values) const {
     if constexpr (Model::kBorderShifts) {
       const lie::SE3 X_CT = model_.X_CB0 * poseAt(state, values).X_B0T;
       return X_CT.translation.z() > 0 &&
@@ -174,10 +175,11 @@ class TagCost final : public ReadingCost {
 
   const TagPlacement& placement() const { return shared_.arms[place_.arm].layout.tags[seen_.tag]; }
 
-  Pose poseAt(const CaptureState& state, const Values& values) const {
-    const TagPlacement tag = columnOf(ParameterBlock::kTag) < 0
-                                 ? placement()
-                                 : movedBy(placement(), values.tags[seen_.tag], rest_length_);
+  Pose poseAt(const CaptureState& state, const ParameterBlocks& values) const {
+    const TagPlacement tag =
+        columnOf(ParameterBlock::kTag) < 0
+            ? placement()
+            : movedBy(placement(), values.motionOf(ParameterBlock::kTag, seen_.tag), rest_length_);
     const model::Shape& shape = state.shape.shape;
     Pose pose;
     pose.s = tag.s;
@@ -188,10 +190,10 @@ class TagCost final : public ReadingCost {
     return pose;
   }
 
-  ByMotion byPlacement(const Values& values, const model::Shape& shape, const Pose& pose,
+  ByMotion byPlacement(const ParameterBlocks& values, const model::Shape& shape, const Pose& pose,
                        const Rows& rows) const {
     const TagPlacement& tag = placement();
-    const lie::Vector6& placed = values.tags[seen_.tag];
+    const lie::Vector6 placed = values.motionOf(ParameterBlock::kTag, seen_.tag);
     ByMotion out, moved;
     PointJacobian(pose.X_B0S).fill(rows, 0, moved);
     const double s = tag.s + placed[0] / rest_length_;
@@ -240,29 +242,29 @@ Place placeAt(const Shared& shared, int arm, int capture, const Eigen::VectorXd&
   return place;
 }
 
-LinearisedShape shapeAt(Shared& shared, const Place& place, const Values& values,
+LinearisedShape shapeAt(Shared& shared, const Place& place, const ParameterBlocks& values,
                         bool derivatives) {
   if (shared.selection.free_shapes) {
     model::Twists twists = model::Twists::Zero(6, shared.arms[place.arm].arm.sectionCount());
-    for (std::size_t i = 0; i < place.entries.size(); ++i) {
-      twists.data()[place.entries[i]] = values.shapes[place.capture][static_cast<Eigen::Index>(i)];
-    }
+    twists.reshaped()(place.entries) = values.of(ParameterBlock::kShape, place.capture);
     LinearisedShape shape;
     shape.shape = shared.expected_shapes[place.capture].about(twists);
     return shape;
   }
   // Strokes first, then length scales, as in Contraction::scaledBy().
   const bool has_strokes = shared.selection.has(ParameterBlock::kStrokeScale);
-  Eigen::VectorXd unscaled = place.lengthsAt(values.curve), stroke, change;
+  const auto curve = values.of(ParameterBlock::kCurve);
+  const auto scales = values.of(ParameterBlock::kLengthScale);
+  Eigen::VectorXd unscaled = place.lengthsAt(curve), stroke, change;
   if (has_strokes) {
-    const Eigen::VectorXd rest = place.restAt(values.curve);
-    stroke = values.own_blocks.at(ParameterBlock::kStrokeScale).array().exp();
+    const Eigen::VectorXd rest = place.restAt(curve);
+    stroke = values.of(ParameterBlock::kStrokeScale).array().exp();
     change = stroke.cwiseProduct(unscaled - rest);
     unscaled = rest + change;
   }
   Eigen::VectorXd lengths = unscaled;
-  for (int i = 0; i < lengths.size(); ++i) lengths[i] *= shared.scaleOf(values.length_scale, i);
-  const double* const stiffness = values.stiffness.data();
+  for (int i = 0; i < lengths.size(); ++i) lengths[i] *= shared.scaleOf(scales, i);
+  const double* const stiffness = values.of(ParameterBlock::kStiffness).data();
   if (place.by_curve.size() == 0 && !has_strokes) {
     return shared.model.at(place.state, lengths, stiffness, shared.scales(), derivatives);
   }
@@ -355,15 +357,14 @@ ReadingCosts termsOf(const Shared& shared, const Place& place, const Reading& re
   return terms;
 }
 
-CaptureState stateAt(Shared& shared, const Place& place, ReadingKind kind, const Values& values,
-                     bool derivatives) {
+CaptureState stateAt(Shared& shared, const Place& place, ReadingKind kind,
+                     const ParameterBlocks& values, bool derivatives) {
   CaptureState state;
   state.shape = shapeAt(shared, place, values, derivatives);
   if (!isMet(FitNeed::kTags, kind)) return state;
   const model::Shape& shape = state.shape.shape;
-  const lie::Vector6 base = values.own_blocks.at(ParameterBlock::kBase);
-  state.corners =
-      shared.arms[place.arm].layout.corners(values.own_blocks.at(ParameterBlock::kBorderShift)[0]);
+  const lie::Vector6 base = values.motionOf(ParameterBlock::kBase);
+  state.corners = shared.arms[place.arm].layout.corners(values.borderShift());
   lie::SE3 X_B0j = lie::SE3::exp(base);
   const int pieces = static_cast<int>(shape.pieces().cols());
   for (int j = 0; j < pieces; ++j) {
@@ -386,7 +387,7 @@ ReadingCosts expectedTerms(const Shared& shared, const Place& place, const Captu
   const auto add = [&](const Reading& reading) {
     for (auto& term : termsOf(shared, place, reading, blocks)) {
       const auto* const tag = dynamic_cast<const TagCost<CornerModel>*>(term.get());
-      if (tag == nullptr || tag->faces(state, blocks.values())) terms.push_back(std::move(term));
+      if (tag == nullptr || tag->faces(state, blocks)) terms.push_back(std::move(term));
     }
   };
   const auto addNew = [&](auto observations) {

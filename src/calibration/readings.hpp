@@ -74,7 +74,8 @@ struct Place {
 Place placeAt(const Shared& shared, int arm, int capture, const Eigen::VectorXd& pressure);
 
 // The shape of a capture and, if the model determines it, its derivatives.
-LinearisedShape shapeAt(Shared& shared, const Place& place, const Values& values, bool derivatives);
+LinearisedShape shapeAt(Shared& shared, const Place& place, const ParameterBlocks& values,
+                        bool derivatives);
 
 // Residuals of a calibration's readings, in expected standard deviations, and their derivatives.
 
@@ -119,10 +120,12 @@ class ReadingCost {
   // False if it has no residuals there.
   // @param J  (residuals x columns); null: without derivatives, which the state then lacks, too.
   // @param by_pieces  workspace.
-  virtual bool evaluate(const CaptureState& state, const Values& values, Eigen::VectorXd& residual,
-                        Eigen::MatrixXd* J, Eigen::MatrixXd& by_pieces) const = 0;
+  virtual bool evaluate(const CaptureState& state, const ParameterBlocks& values,
+                        Eigen::VectorXd& residual, Eigen::MatrixXd* J,
+                        Eigen::MatrixXd& by_pieces) const = 0;
   // The error for reports. @param square  of its residuals.
-  virtual double shown(const CaptureState& state, const Values& values, double square) const = 0;
+  virtual double shown(const CaptureState& state, const ParameterBlocks& values,
+                       double square) const = 0;
 
  protected:
   // First column of the derivatives by a block; -1 without one.
@@ -153,8 +156,8 @@ ReadingCosts termsOf(const Shared& shared, const Place& place, const Reading& re
 /// State that the readings of a capture share at these values.
 ///
 /// @param kind  of its readings.
-CaptureState stateAt(Shared& shared, const Place& place, ReadingKind kind, const Values& values,
-                     bool derivatives);
+CaptureState stateAt(Shared& shared, const Place& place, ReadingKind kind,
+                     const ParameterBlocks& values, bool derivatives);
 
 /// The readings that an arm is expected to give at the pressures of a place: those of its captures,
 /// each tag once, if it faces the camera.

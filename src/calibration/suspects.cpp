@@ -106,9 +106,11 @@ Quality qualityOf(CalibrationProblem& problem) {
   out.square =
       std::accumulate(squares.begin(), squares.end(), 0.0) / static_cast<double>(squares.size());
   for (auto& [tag, all] : by_tag) out.tags[tag] = basics::medianOf(std::move(all));
-  out.border_shift = problem.values().own_blocks.at(ParameterBlock::kBorderShift)[0];
-  for (const lie::Vector6& tag : problem.values().tags) {
-    out.tag_turn = std::max(out.tag_turn, tag.tail<3>().norm());
+  out.border_shift = problem.blocks().borderShift();
+  for (const ParameterBlocks::Block& one : problem.blocks().all()) {
+    if (one.kind != ParameterBlock::kTag) continue;
+    const lie::Vector6 moved = problem.blocks().motionOf(one.kind, one.of);
+    out.tag_turn = std::max(out.tag_turn, moved.tail<3>().norm());
   }
   return out;
 }
