@@ -279,9 +279,8 @@ std::string SampleTable::csv(int actuators, const std::string& comment) const {
 
 procedures::LoadedCaptures SampleTable::captures(const io::Scene& scene,
                                                  const std::string& name) const {
-  return poses.empty()
-             ? procedures::makeCaptures(scene, corners, name, procedures::OutsideLimits::kKept)
-             : procedures::makeCaptures(scene, poses, name);
+  return poses.empty() ? procedures::makeCaptures(scene, corners, name)
+                       : procedures::makeCaptures(scene, poses, name);
 }
 
 std::vector<procedures::Sample> loadBag(const std::string& path, const io::Scene& scene,

@@ -105,8 +105,7 @@ class Locator {
   /// The usual mistakes that explain why tags do not fit; none if they do.
   std::vector<estimation::Suspect> suspects() const {
     if (!odd_) return {};
-    const procedures::LoadedCaptures seen =
-        procedures::makeCaptures(scene_, seen_, "the pictures", procedures::OutsideLimits::kKept);
+    const procedures::LoadedCaptures seen = procedures::makeCaptures(scene_, seen_, "the pictures");
     return procedures::tagSuspectsOf(scene_, seen.captures);
   }
 

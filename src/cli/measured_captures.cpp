@@ -149,7 +149,7 @@ std::vector<FittedCapture> fitCorners(const io::Scene& scene, const io::DataSet&
     FittedCapture& capture = captures.emplace_back();
     capture.number = measured.number;
     capture.pressure = measured.pressure;
-    capture.unknown_tags = read.unknownIds();
+    capture.unknown_tags = read.unknown_ids;
     capture.model = procedures::modelUnder(scene, measured.payload).solve(measured.pressure);
     const auto& seen = std::get<std::vector<estimation::CornerObservation>>(measured.reading);
     const estimation::TwistFit& fit =

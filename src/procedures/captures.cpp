@@ -76,7 +76,7 @@ class TagReadings {
     for (const auto& tag : tags) {
       const int index = layout_.find(tag.id);
       if (index < 0) {
-        ++loaded_.unknown_tags[tag.id];
+        unknown_.insert(tag.id);
         continue;
       }
       known_ = true;
@@ -86,9 +86,10 @@ class TagReadings {
   }
 
   LoadedCaptures take() {
-    if (!known_ && !loaded_.unknown_tags.empty()) {
+    loaded_.unknown_ids.assign(unknown_.begin(), unknown_.end());
+    if (!known_ && !unknown_.empty()) {
       refuse(file_, "holds no tag of scene " + scene_.name + " but only " +
-                        io::listOf(loaded_.unknownIds()) + "; expected " + idsOf(layout_) +
+                        io::listOf(loaded_.unknown_ids) + "; expected " + idsOf(layout_) +
                         ": is it of another arm?");
     }
     return std::move(loaded_);
@@ -99,6 +100,7 @@ class TagReadings {
   const std::string& file_;
   const estimation::TagLayout& layout_;
   LoadedCaptures loaded_;
+  std::set<int> unknown_;
   bool known_ = false;
 };
 
@@ -217,12 +219,6 @@ std::optional<std::string> readHung(const io::Scene& scene, const io::DataSet& d
 
 }  // namespace
 
-std::vector<int> LoadedCaptures::unknownIds() const {
-  std::vector<int> ids;
-  for (const auto& [id, observations] : unknown_tags) ids.push_back(id);
-  return ids;
-}
-
 DataKind kindOf(const io::DataSet& data) {
   const NamedKind* found = nullptr;
   for (const NamedKind& kind : kKinds) {
@@ -321,7 +317,7 @@ LoadedCaptures loadCaptures(const io::Scene& scene, const io::DataSet& data,
       kind == DataKind::kCurvatures ? curvaturesOf(scene, data, pressures)
       : kind == DataKind::kTagPoses
           ? posesOf(scene, io::loadTagPoses(data, actuators, scene.X_BF), data.path)
-          : makeCaptures(scene, io::loadTagCorners(data, actuators), data.path, outside);
+          : makeCaptures(scene, io::loadTagCorners(data, actuators), data.path);
   const std::map<int, statics::PointLoad> payloads = payloadsOf(scene, data);
   for (estimation::Capture& capture : loaded.captures) {
     const auto found = payloads.find(capture.number);
@@ -331,7 +327,7 @@ LoadedCaptures loadCaptures(const io::Scene& scene, const io::DataSet& data,
 }
 
 LoadedCaptures makeCaptures(const io::Scene& scene, const std::vector<io::TagCornerCapture>& seen,
-                            const std::string& name, OutsideLimits outside) {
+                            const std::string& name) {
   requirePressures(name, scene.arm);
   if (!scene.camera) {
     refuse(name, "holds corners in pictures, but scene " + scene.name +
@@ -346,10 +342,6 @@ LoadedCaptures makeCaptures(const io::Scene& scene, const std::vector<io::TagCor
                            std::to_string(capture.number) + "; expected " +
                            std::to_string(scene.arm.actuatorCount()));
       continue;
-    }
-    for (int i = 0; i < capture.pressure.size(); ++i) {
-      const auto fault = limitFault(scene.arm.actuator(i), i + 1, capture.pressure[i]);
-      if (fault && outside == OutsideLimits::kFault) faults.add(line, *fault);
     }
     readings.add(
         capture.number, capture.pressure, capture.time, capture.tags,
@@ -470,9 +462,9 @@ void addDataSet(const io::Scene& scene, const io::DataSet& set, CalibrationData&
     case DataKind::kTagCorners: {
       LoadedCaptures read = loadCaptures(scene, set, OutsideLimits::kKept);
       count = static_cast<int>(read.captures.size());
-      if (!read.unknown_tags.empty()) {
+      if (!read.unknown_ids.empty()) {
         data.warnings.push_back(
-            set.path + " has tags that are not in the scene: " + io::listOf(read.unknownIds()));
+            set.path + " has tags that are not in the scene: " + io::listOf(read.unknown_ids));
       }
       addCaptures(std::move(read.captures), set.path, data);
       break;

@@ -348,8 +348,8 @@ CalibrationData walkSimulatedRig(const io::Scene& scene, const io::Scene& rig_sc
   }
   const std::string name = "walk of the simulated rig " + rig_scene.name;
   CalibrationData out;
-  out.captures = bodies ? makeCaptures(scene, poses, name).captures
-                        : makeCaptures(scene, seen, name, OutsideLimits::kKept).captures;
+  out.captures =
+      bodies ? makeCaptures(scene, poses, name).captures : makeCaptures(scene, seen, name).captures;
   const auto actuators = static_cast<int>(plan.cols());
   const std::string table =
       bodies ? io::tagPoseCsv(poses, actuators, "") : io::tagCornerCsv(seen, actuators, "");

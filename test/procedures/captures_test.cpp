@@ -51,7 +51,7 @@ TEST(Captures, CurvaturesAreNumberedByTheirRows) {
   EXPECT_EQ(loaded.captures[1].number, 2);
   EXPECT_EQ(loaded.captures[1].pressure, Eigen::VectorXd(Eigen::Vector2d(0, 200e3)));
   EXPECT_EQ(std::get<estimation::CurvatureReading>(loaded.captures[1].reading).curvature, 1.5);
-  EXPECT_TRUE(loaded.unknown_tags.empty());
+  EXPECT_TRUE(loaded.unknown_ids.empty());
 }
 
 TEST(Captures, PosesAreThoseOfTheLayoutSeenFromTheBase) {
@@ -70,7 +70,7 @@ TEST(Captures, PosesAreThoseOfTheLayoutSeenFromTheBase) {
   EXPECT_EQ(loaded.captures[0].pressure[4], 50e3);
   EXPECT_TRUE(
       std::get<std::vector<estimation::PoseObservation>>(loaded.captures[1].reading).empty());
-  EXPECT_EQ(loaded.unknown_tags, (std::map<int, int>{{17, 2}}));
+  EXPECT_EQ(loaded.unknown_ids, std::vector<int>{17});
 }
 
 TEST(Captures, CornersAreUndistorted) {

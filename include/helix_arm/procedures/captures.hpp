@@ -37,10 +37,7 @@ Eigen::MatrixXd pressuresWithinLimits(const io::DataSet& data, const model::Arm&
 /// The captures of one data set of an arm.
 struct LoadedCaptures {
   std::vector<estimation::Capture> captures;
-  /// Number of detections of each tag that the scene does not have; these are omitted.
-  std::map<int, int> unknown_tags;
-  /// Those tags, ascending.
-  std::vector<int> unknownIds() const;
+  std::vector<int> unknown_ids;  ///< of tags that the scene does not have, ascending; omitted
 };
 
 /// Treatment of pressures outside the actuators' limits: a fault, or left to a calibration, which
@@ -68,13 +65,12 @@ statics::ArmModel modelUnder(const io::Scene& scene,
 LoadedCaptures loadCaptures(const io::Scene& scene, const io::DataSet& data,
                             OutsideLimits outside = OutsideLimits::kFault);
 
-/// The same for corners from memory.
+/// The same for corners from memory; pressures beyond the limits are kept.
 /// @param name  their name in messages.
 LoadedCaptures makeCaptures(const io::Scene& scene, const std::vector<io::TagCornerCapture>& seen,
-                            const std::string& name, OutsideLimits outside = OutsideLimits::kFault);
+                            const std::string& name);
 
-/// The same for poses of bodies from memory, seen from their frame F; pressures beyond the limits
-/// are kept.
+/// The same for poses of bodies from memory, seen from their frame F.
 LoadedCaptures makeCaptures(const io::Scene& scene, std::vector<io::TagPoseCapture> seen,
                             const std::string& name);
 
