@@ -63,10 +63,6 @@ bool hasPressures(const io::DataSet& data) {
                      [](const std::string& name) { return name.compare(0, 9, "pressure_") == 0; });
 }
 
-// Bounds if stamps hardly advance.
-constexpr std::size_t kMostWaitingReadings = 1 << 13;
-constexpr std::size_t kMostWaitingTips = 1 << 8;
-
 }  // namespace
 
 ResponseSeries lengthSeriesOf(const io::DataSet& data) {
@@ -213,7 +209,6 @@ void SeriesRecord::measured(double time, const Eigen::VectorXd& pressure) {
     if (step == 0) readings_.pop_back();
   }
   readings_.push_back({time, pressure});
-  if (readings_.size() > kMostWaitingReadings) readings_.pop_front();
   // Tips come in their order: none before the last one is still to come.
   const double known = std::max(time - kLatency, last_tip_.value_or(time - kLatency));
   advance(std::min(known, time - kHalfWindow));
@@ -224,7 +219,6 @@ void SeriesRecord::seen(double time, const Eigen::Vector3d& tip) {
   if (late || !tip.allFinite()) return;
   last_tip_ = time;
   waiting_.push_back({time, tip});
-  if (waiting_.size() > kMostWaitingTips) waiting_.pop_front();
   if (!readings_.empty()) advance(std::min(time, readings_.back().time - kHalfWindow));
 }
 

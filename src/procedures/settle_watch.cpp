@@ -77,10 +77,6 @@ namespace {
 // Fraction of the tags that must be still; a few may be misread.
 constexpr double kStillShare = 0.75;
 
-// Limits of the histories: more than two minutes at 1000 and at 60 Hz.
-constexpr std::size_t kMostReadings = 1 << 17;
-constexpr std::size_t kMostObservations = 1 << 13;
-
 // Motion of the tags between two pictures: the distance that kStillShare of the common tags stay
 // below [px, of bodies m]; absent without common tags.
 std::optional<double> distanceBetween(const std::vector<TagObservation>& a,
@@ -145,15 +141,13 @@ void SettleWatch::checkSize(const Eigen::VectorXd& pressure) const {
 }
 
 template <class Entry>
-void SettleWatch::add(std::deque<Entry>& history, Entry entry, std::size_t most) const {
+void SettleWatch::add(std::deque<Entry>& history, Entry entry) const {
   if (!history.empty()) {
     const double step = entry.time - history.back().time;
     if (step == 0) history.pop_back();  // the clock does not advance
     if (step < 0 || step > rules_.max_age) history.clear();
   }
   history.push_back(std::move(entry));
-  // Stamps that advance very slowly would keep all entries.
-  if (history.size() > most) history.pop_front();
 }
 
 void SettleWatch::command(double time, const Eigen::VectorXd& set_point) {
@@ -166,14 +160,14 @@ void SettleWatch::command(double time, const Eigen::VectorXd& set_point) {
 
 void SettleWatch::measured(double time, const Eigen::VectorXd& pressure) {
   checkSize(pressure);
-  add(readings_, Reading{time, pressure}, kMostReadings);
+  add(readings_, Reading{time, pressure});
   // Pictures arrive later than pressures, so the history that they may need is kept.
   const double oldest = time - readingTime() - rules_.max_age;
   while (readings_.size() > 1 && readings_[1].time <= oldest) readings_.pop_front();
 }
 
 void SettleWatch::seen(double time, std::vector<TagObservation> tags) {
-  add(observations_, Observation{time, std::move(tags)}, kMostObservations);
+  add(observations_, Observation{time, std::move(tags)});
   while (observations_.size() > 1 && observations_[1].time <= windowBegin())
     observations_.pop_front();
 }

@@ -87,9 +87,7 @@ struct Settling {
 ///
 /// All times are the stamps of the measurements [s]. A stamp before the last one of its kind, or
 /// farther from it than max_age, discards the earlier measurements of that kind. Without set points
-/// (in a recording that lacks them), pressures must stay near their own mean instead. The history
-/// is limited to two minutes of 1000 readings and 60 pictures per second, in case stamps hardly
-/// advance.
+/// (in a recording that lacks them), pressures must stay near their own mean instead.
 class SettleWatch {
  public:
   /// @param names  of the actuators, for the reasons; at least one.
@@ -124,7 +122,7 @@ class SettleWatch {
   };
 
   template <class Entry>
-  void add(std::deque<Entry>& history, Entry entry, std::size_t most) const;
+  void add(std::deque<Entry>& history, Entry entry) const;
   void checkSize(const Eigen::VectorXd& pressure) const;
   std::string pressureStaleness(double now) const;
   std::string pictureStaleness(double now) const;
