@@ -2,23 +2,17 @@
 // (inverse).
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <cmath>
-#include <memory>
 
-#include "arguments.hpp"
 #include "command.hpp"
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/clearance/sweep.hpp"
 #include "helix_arm/lie/se2.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/statics/inverse.hpp"
 #include "measurements.hpp"
-#include "output.hpp"
 
 namespace helix_arm::cli {
 namespace {
 
-using nlohmann::json;
 using statics::InverseResult;
 using statics::InverseStatus;
 using statics::Limit;
@@ -50,7 +44,7 @@ ZoneAnswer zoneAt(const clearance::SweepCheck& check, const model::Shape& shape)
 
 void addZone(const std::optional<ZoneAnswer>& zone, json& document) {
   if (!zone) return;
-  document["clearance_m"] = finite(zone->clearance.distance);
+  document["clearance_m"] = zone->clearance.distance;
   document["zone"] = textOrNull(zone->name);
 }
 
@@ -59,7 +53,8 @@ void addZone(const std::optional<ZoneAnswer>& zone, json& document) {
 constexpr int kMostSamples = 1000000;
 
 struct ForwardOptions {
-  std::string scene, pressure_kpa, input, inputs, history;
+  std::string scene, inputs, history;
+  InputArguments input;
   TierArguments tier;
   int samples = 0;
 };
@@ -92,8 +87,7 @@ std::vector<json> sectionsOf(const model::ArmOf<Group>& arm) {
     const auto& equilibrium = arm.equilibrium(k);
     json null_space = json::array();
     for (int j = 0; j < equilibrium.null_space.cols(); ++j) {
-      null_space.push_back(
-          toJson(lie::inSpace(typename Group::Tangent(equilibrium.null_space.col(j)))));
+      null_space.push_back(lie::inSpace(typename Group::Tangent(equilibrium.null_space.col(j))));
     }
     sections.push_back({{"rank", equilibrium.rank},
                         {"condition", equilibrium.condition},
@@ -144,109 +138,96 @@ json helixJson(const lie::Vector6& twist) {
   return {{"radius_m", helix.radius}, {"pitch_m", helix.pitch}, {"turns", helix.turns}};
 }
 
-// Columns that a row of csv has besides vectors; tables of many rows build no more of the report.
-json summaryOf(const ForwardResult& result) {
-  const statics::TierSetting& setting = result.choice.setting;
-  int rank = result.full_rank;
-  double condition = 0;
-  for (const json& section : result.sections) {
-    rank = std::min(rank, section["rank"].get<int>());
-    condition = std::max(condition, section["condition"].get<double>());
-  }
-  return {{"tier", statics::nameOf(setting.tier)},
-          {"order", setting.order > 0 ? json(setting.order) : json()},
-          {"tip_error_percent", finite(100 * result.choice.relative_tip_error)},
-          {"status", statics::nameOf(result.solution.status)},
-          {"relative_residual", result.solution.residual},
-          {"iterations", result.solution.iterations},
-          {"rank", rank},
-          {"condition", condition}};
+json historyJson(const HistoryRow& row) {
+  return {{"time_s", row.time},
+          {"pressure_pa", row.pressure},
+          {"effective_pressure_pa", row.effective},
+          {"memory_known", row.known},
+          {"tip", valueIf(row.tip.converged(), row.tip.tip)}};
+}
+
+json curveJson(const model::CurvePoint<lie::SE3>& point) {
+  json entry = point.X;
+  entry["s"] = point.s;
+  return entry;
 }
 
 json reportOf(const io::Scene& scene, const ForwardResult& result) {
-  const model::Twists twists = result.solution.shape.twists();  // means
+  const statics::TierSetting& setting = result.choice.setting;
+  const statics::Solution& solution = result.solution;
+  const model::Twists twists = solution.shape.twists();  // means
   json sections = result.sections;
+  int rank = result.full_rank;
+  double condition = 0;
   for (std::size_t k = 0; k < sections.size(); ++k) {
+    rank = std::min(rank, sections[k]["rank"].get<int>());
+    condition = std::max(condition, sections[k]["condition"].get<double>());
     const lie::Vector6 twist = twists.col(static_cast<int>(k));
     sections[k].update({{"name", scene.looks[k].name},
                         {"curvature_rad", model::curvatureOf(twist)},
                         {"helix", helixJson(twist)}});
   }
-  const bool converged = result.solution.converged();
-  json document = summaryOf(result);
-  document.update({{"scene", scene.name},
-                   {"tier_reason", result.choice.reason},
-                   {"failure", converged ? json() : json(reasonForNoShape(result.solution.status))},
-                   {"twist", toJson(twists)},
-                   {"tip", toJson(result.solution.tip)},
-                   {"lengths_m", toJson(result.lengths)},
-                   {"full_rank", result.full_rank},
-                   {"sections", sections}});
+  json document{{"scene", scene.name},
+                {"tier", statics::nameOf(setting.tier)},
+                {"tier_reason", result.choice.reason},
+                {"order", valueIf(setting.order > 0, setting.order)},
+                {"tip_error_percent", 100 * result.choice.relative_tip_error},
+                {"status", statics::nameOf(solution.status)},
+                {"failure", valueIf(!solution.converged(), reasonForNoShape(solution.status))},
+                {"relative_residual", solution.residual},
+                {"iterations", solution.iterations},
+                {"twist", twists.transpose()},
+                {"tip", solution.tip},
+                {"lengths_m", result.lengths},
+                {"rank", rank},
+                {"full_rank", result.full_rank},
+                {"condition", condition},
+                {"sections", sections}};
   addInputs(scene.arm, result.measured, document);
   addResponse(scene.arm, result.response, static_cast<Eigen::Index>(result.rows.size()), document);
   if (!result.rows.empty()) {
-    document["effective_pressure_pa"] = toJson(result.inputs);
-    document["history"] = listJson(result.rows, [](const HistoryRow& row) -> json {
-      return {{"time_s", toJson(row.time)},
-              {"pressure_pa", toJson(row.pressure)},
-              {"effective_pressure_pa", toJson(row.effective)},
-              {"memory_known", row.known},
-              {"tip", row.tip.converged() ? toJson(row.tip.tip) : json()}};
-    });
+    document["effective_pressure_pa"] = result.inputs;
+    document["history"] = listJson(result.rows, historyJson);
   }
   addZone(result.zone, document);
-  if (result.solution.shape.piecesPerSection() > 1) {
-    document["pieces"] = result.solution.shape.piecesPerSection();
-    document["piece_twist"] = rowsJson(result.solution.shape.pieces().transpose());
+  if (solution.shape.piecesPerSection() > 1) {
+    document["pieces"] = solution.shape.piecesPerSection();
+    document["piece_twist"] = solution.shape.pieces().transpose();
   }
-  if (!result.curve.empty()) {
-    document["curve"] = listJson(result.curve, [](const auto& point) {
-      json entry = toJson(point.X);
-      entry["s"] = point.s;
-      return entry;
-    });
-  }
+  if (!result.curve.empty()) document["curve"] = listJson(result.curve, curveJson);
   return document;
 }
 
-CsvTable::Row rowOf(const io::Scene& scene, const ForwardResult& result) {
-  const json summary = summaryOf(result);
-  CsvTable::Row row = cellsOf(summary, {"tier", "order", "status"});
-  appendInputs(scene.arm, result.inputs, row);
-  for (int i = 0; i < result.lengths.size(); ++i) {
-    row.emplace_back("length_" + std::to_string(i + 1) + "_m", exact(result.lengths[i]));
-  }
-  appendTwists(toJson(result.solution.shape.twists()), scene.arm.sectionCount(), row);
-  appendPose("tip_", toJson(result.solution.tip), row);
-  for (auto& cell : cellsOf(summary, {"rank", "condition", "relative_residual", "iterations",
-                                      "tip_error_percent"})) {
-    row.push_back(std::move(cell));
-  }
-  return row;
-}
+const Columns kForwardColumns = {"tier",
+                                 "order",
+                                 "status",
+                                 "inputs",
+                                 {"lengths_m", "length_*_m"},
+                                 "twist",
+                                 "tip",
+                                 "rank",
+                                 "condition",
+                                 "relative_residual",
+                                 "iterations",
+                                 "tip_error_percent"};
 
 // The rows of the history, or the curve if it was requested; otherwise one row with all numbers.
-CsvTable csvTable(const io::Scene& scene, const ForwardResult& result) {
-  CsvTable table;
-  for (const auto& point : result.curve) {
-    CsvTable::Row row{{"s", exact(point.s)}};
-    appendPose("", toJson(point.X), row);
-    table.add(row);
+void printTable(const io::Scene& scene, const ForwardResult& result, json report,
+                std::ostream& out) {
+  for (std::size_t k = 0; k < result.rows.size(); ++k) {
+    report["history"][k]["status"] = statics::nameOf(result.rows[k].tip.status);
   }
-  for (const HistoryRow& row : result.rows) {
-    CsvTable::Row cells{{"time_s", exact(row.time)}};
-    appendInputs(scene.arm, row.pressure, cells);
-    for (int i = 0; i < row.effective.size(); ++i) {
-      cells.emplace_back("effective_pressure_" + std::to_string(i + 1) + "_pa",
-                         exact(row.effective[i]));
-    }
-    cells.emplace_back("memory_known", row.known ? "1" : "0");
-    cells.emplace_back("status", statics::nameOf(row.tip.status));
-    appendPose("tip_", toJson(row.tip.tip), cells);
-    table.add(cells);
+  if (!result.rows.empty()) {
+    return printCsv(
+        report,
+        {{"time_s", "pressure_pa", "effective_pressure_pa", "memory_known", "status", "tip"},
+         "history"},
+        out);
   }
-  if (result.curve.empty() && result.rows.empty()) table.add(rowOf(scene, result));
-  return table;
+  if (!result.curve.empty()) {
+    return printCsv(report, {{"s", "position_m", "quaternion_xyzw"}, "curve"}, out);
+  }
+  printCsv(report, {kForwardColumns, "", {}, &scene.arm}, out);
 }
 
 // The report without the history, and with what the numbers leave open.
@@ -264,86 +245,80 @@ json shownOf(const io::Scene& scene, const ForwardResult& result, json report) {
 
 // One result per row of a table.
 int runRows(const ForwardOptions& options, const GlobalOptions& global, const io::Scene& scene) {
-  refuseIf(!(options.pressure_kpa + options.input + options.history).empty() || options.samples > 0,
+  refuseIf(options.input.given() || !options.history.empty() || options.samples > 0,
            "--inputs excludes --pressure-kpa, --input, --history and --samples");
   const io::DataSet data = tableOf(options.inputs);
   const Eigen::MatrixXd inputs = inputRowsOf(scene, data);
   const statics::ArmModel model = modelOf(scene, options.tier);
   const auto zones = zonesOf(scene, model);
-  RowPrinter rows(global.format, scene.name);
+  RowPrinter rows(global.format, scene.name, CsvTable(std::cout, kForwardColumns, &scene.arm),
+                  {"status", "tip"});
   bool all_converged = true;
   for (Eigen::Index row = 0; row < inputs.rows(); ++row) {
     ForwardResult result = forward(model, inputs.row(row), 0);
     if (zones && result.solution.converged()) result.zone = zoneAt(*zones, result.solution.shape);
     all_converged = all_converged && result.solution.converged();
-    rows.add(
-        "line " + std::to_string(data.lines[static_cast<std::size_t>(row)]),
-        [&] { return reportOf(scene, result); }, [&] { return rowOf(scene, result); },
-        {"status", "tip"});
+    rows.add("line " + std::to_string(data.lines[static_cast<std::size_t>(row)]),
+             reportOf(scene, result));
   }
   rows.end();
   return all_converged ? kDone : kNotPossible;
 }
 
 int run(const ForwardOptions& options, const GlobalOptions& global) {
-  refuseIf(!options.history.empty() && (!options.pressure_kpa.empty() || !options.input.empty()),
+  const bool follows = !options.history.empty();
+  refuseIf(follows && options.input.given(),
            "--history gives the pressures; leave out --pressure-kpa and --input");
-  refuseIf(!options.history.empty() && options.samples > 0 && global.format == Format::kCsv,
+  refuseIf(follows && options.samples > 0 && global.format == Format::kCsv,
            "with --history, csv has the rows of the history; leave out --samples");
-  refuseIf((options.pressure_kpa + options.input + options.inputs + options.history).empty(),
+  refuseIf(!follows && !options.input.given() && options.inputs.empty(),
            "give --pressure-kpa, --input, --inputs or --history");
   const io::Scene scene = loadScene(options.scene, global);
   if (!options.inputs.empty()) return runRows(options, global, scene);
   const statics::ArmModel model = modelOf(scene, options.tier);
   ForwardResult result =
-      options.history.empty()
-          ? forward(
-                model,
-                inputsOf(scene, "--pressure-kpa", options.pressure_kpa, "--input", options.input),
-                options.samples)
-          : forward(model, historyOfFile(scene, options.history), options.samples);
+      follows ? forward(model, historyOfFile(scene, options.history), options.samples)
+              : forward(model, inputsOf(scene, options.input), options.samples);
   const auto zones = zonesOf(scene, model);
   if (zones && result.solution.converged()) result.zone = zoneAt(*zones, result.solution.shape);
   const json report = reportOf(scene, result);
   printResult(global.format, report, shownOf(scene, result, report),
-              [&] { return csvTable(scene, result); });
+              [&](std::ostream& out) { printTable(scene, result, report, out); });
   return result.solution.converged() ? kDone : kNotPossible;
 }
 
 // ---- inverse ------------------------------------------------------------------------------------
 
 struct InverseArguments {
-  std::string scene, tip, pose, twist, targets, prefer = "min-pressure", start_kpa, start, history;
+  std::string scene, tip, pose, twist, targets, prefer = "min-pressure", history;
+  InputArguments start{"--start-kpa", "--start"};
   TierArguments tier;
-  double cocontraction = 0.5;
-  bool cocontraction_given = false;
+  std::optional<double> cocontraction;
 };
 
-// @param p  (7) position, quaternion xyzw, whose norm is an error if it is not 1; of a file it is
-//     not repeated. @param culprit  whose they are.
-lie::SE3 poseOf(const std::string& culprit, const Eigen::VectorXd& p, bool repeat_norm) {
+// @param p  (7) position, quaternion xyzw. @param culprit  whose they are.
+lie::SE3 poseOf(const std::string& culprit, const Eigen::VectorXd& p) {
   constexpr double kNormTolerance = 1e-3;  // more than the rounding of a few digits
   const Eigen::Quaterniond q(p[6], p[3], p[4], p[5]);
-  refuseIf(!(std::abs(q.norm() - 1) <= kNormTolerance), culprit, " has a quaternion of ",
-           repeat_norm ? basics::format("norm %g", q.norm()) : "another norm",
-           "; expected 1, in the order qx,qy,qz,qw");
+  refuseIf(!(std::abs(q.norm() - 1) <= kNormTolerance), culprit, " has a quaternion of norm ",
+           q.norm(), "; expected 1, in the order qx,qy,qz,qw");
   return {q.normalized().toRotationMatrix(), p.head<3>()};
 }
 
 statics::InverseOptions optionsOf(const InverseArguments& arguments) {
   statics::InverseOptions options;
   options.preference = statics::preferenceOf(arguments.prefer);
-  refuseIf(arguments.cocontraction_given && options.preference != Preference::kCocontraction,
+  refuseIf(arguments.cocontraction && options.preference != Preference::kCocontraction,
            "--cocontraction needs --prefer cocontract");
-  options.cocontraction = arguments.cocontraction;
+  options.cocontraction = arguments.cocontraction.value_or(options.cocontraction);
   return options;
 }
 
 Eigen::VectorXd startOf(const InverseArguments& arguments, const io::Scene& scene) {
-  if (!arguments.start_kpa.empty() || !arguments.start.empty()) {
-    return inputsOf(scene, "--start-kpa", arguments.start_kpa, "--start", arguments.start);
-  }
-  return scene.arm.inputAt(arguments.prefer == "cocontract" ? arguments.cocontraction : 0.0);
+  if (arguments.start.given()) return inputsOf(scene, arguments.start);
+  const statics::InverseOptions options = optionsOf(arguments);
+  const bool cocontracts = options.preference == Preference::kCocontraction;
+  return scene.arm.inputAt(cocontracts ? options.cocontraction : 0.0);
 }
 
 const char* statusName(InverseStatus status) {
@@ -380,7 +355,9 @@ json activeLimits(const model::Arm& arm, const InverseResult& result) {
 
 // Result of the search, and the pressures that it takes.
 struct InverseAnswer {
-  InverseResult result;         // its inputs are effective ones
+  InverseResult result;  // its inputs are effective ones
+  statics::TierSetting tier;
+  statics::Solution shape;      // at these inputs
   Eigen::VectorXd pressure;     // (n) to command
   model::ArmResponse response;  // before
   Eigen::Index history_rows = 0;
@@ -391,37 +368,36 @@ struct InverseAnswer {
 };
 
 // Looks at the zones on the way from where the search began.
-void lookAtZones(const std::optional<clearance::SweepCheck>& zones, const Eigen::VectorXd& start,
-                 const statics::Solution& reached, InverseAnswer& answer) {
-  if (!zones || !reached.converged()) return;
-  answer.zone = zoneAt(*zones, reached.shape);
-  answer.zone->blocked = zones->sweep({start, answer.result.input});
+InverseAnswer answerOf(const statics::ArmModel& model,
+                       const std::optional<clearance::SweepCheck>& zones,
+                       const Eigen::VectorXd& start, const InverseResult& result) {
+  InverseAnswer answer{result, model.choice().setting, model.solve(result.input), result.input,
+                       model::ArmResponse(model.arm())};
+  if (zones && answer.shape.converged()) {
+    answer.zone = zoneAt(*zones, answer.shape.shape);
+    answer.zone->blocked = zones->sweep({start, result.input});
+  }
+  return answer;
 }
 
-// Columns that a row of csv has besides numbers; tables of many rows build no more of the report.
-json summaryOf(const io::Scene& scene, const statics::TierSetting& tier,
-               const InverseAnswer& answer) {
-  return {{"tier", nameOf(tier.tier)},
-          {"order", tier.tier == statics::Tier::kLoaded ? json(tier.order) : json()},
-          {"status", answer.blocked() ? "blocked" : statusName(answer.result.status)},
-          {"converged", answer.result.converged()},
-          {"active_limits", activeLimits(scene.arm, answer.result)}};
-}
-
-json reportOf(const io::Scene& scene, const statics::TierSetting& tier, const InverseAnswer& answer,
-              const statics::Solution& reached) {
+json reportOf(const io::Scene& scene, const InverseAnswer& answer) {
   const InverseResult& result = answer.result;
-  json document = summaryOf(scene, tier, answer);
-  document.update({{"scene", scene.name},
-                   {"reason", textOrNull(reasonFor(result))},
-                   {"residual", finite(result.residual)},
-                   {"position_error_m", finite(result.position_error)},
-                   {"iterations", result.iterations},
-                   {"tip", reached.converged() ? toJson(reached.tip) : json()},
-                   {"twist", reached.converged() ? toJson(reached.shape.twists()) : json()}});
+  const statics::Solution& shape = answer.shape;
+  json document{{"scene", scene.name},
+                {"tier", nameOf(answer.tier.tier)},
+                {"order", valueIf(answer.tier.tier == statics::Tier::kLoaded, answer.tier.order)},
+                {"status", answer.blocked() ? "blocked" : statusName(result.status)},
+                {"reason", textOrNull(reasonFor(result))},
+                {"converged", result.converged()},
+                {"residual", result.residual},
+                {"position_error_m", result.position_error},
+                {"active_limits", activeLimits(scene.arm, result)},
+                {"iterations", result.iterations},
+                {"tip", valueIf(shape.converged(), shape.tip)},
+                {"twist", valueIf(shape.converged(), shape.shape.twists().transpose())}};
   addInputs(scene.arm, answer.pressure, document);
   addResponse(scene.arm, answer.response, answer.history_rows, document);
-  if (answer.history_rows > 0) document["effective_pressure_pa"] = toJson(result.input);
+  if (answer.history_rows > 0) document["effective_pressure_pa"] = result.input;
   addZone(answer.zone, document);
   if (answer.blocked()) {
     const clearance::Blocked& blocked = *answer.zone->blocked;
@@ -430,30 +406,15 @@ json reportOf(const io::Scene& scene, const statics::TierSetting& tier, const In
     document["blocked_by"] = textOrNull(blocked.zone);
     document["clear_tip"] = nullptr;
     if (blocked.last_clear.size() > 0) {
-      document["clear_tip"] = {{"position_m", toJson(blocked.clear_tip)}};
+      document["clear_tip"] = {{"position_m", blocked.clear_tip}};
     }
   }
   return document;
 }
 
-CsvTable::Row rowOf(const io::Scene& scene, const statics::TierSetting& tier,
-                    const InverseAnswer& answer, const statics::Solution& reached) {
-  const json summary = summaryOf(scene, tier, answer);
-  CsvTable::Row row = cellsOf(summary, {"status", "converged"});
-  appendInputs(scene.arm, answer.pressure, row);
-  row.emplace_back("residual", exact(answer.result.residual));
-  row.emplace_back("position_error_m", exact(answer.result.position_error));
-  std::string limits;  // one cell: actuator=limit, separated by spaces
-  for (const json& limit : summary["active_limits"]) {
-    limits += (limits.empty() ? "" : " ") + limit["actuator"].get<std::string>() + "=" +
-              limit["limit"].get<std::string>();
-  }
-  row.emplace_back("active_limits", limits);
-  appendTwists(toJson(reached.shape.twists()), scene.arm.sectionCount(), row);
-  appendPose("tip_", toJson(reached.tip), row);
-  for (auto& cell : cellsOf(summary, {"tier", "order"})) row.push_back(std::move(cell));
-  return row;
-}
+const Columns kInverseColumns = {
+    "status",        "converged", "inputs", "residual", "position_error_m",
+    "active_limits", "twist",     "tip",    "tier",     "order"};
 
 // Names of the columns of positions x_m, y_m, z_m, or, where the table has qx, of poses; with the
 // prefix tip_ where the table has those of a result alone.
@@ -475,7 +436,6 @@ int runRows(const InverseArguments& arguments, const GlobalOptions& global, cons
   const std::vector<std::string> names = poseColumns(data);
   const bool poses = names.size() > 3;
   const Eigen::MatrixXd targets = columnsOf(data, names);
-  const statics::TierSetting& tier = model.choice().setting;
   Eigen::VectorXd start = startOf(arguments, scene);
   const auto zones = zonesOf(scene, model);
   const auto lineOf = [&data](Eigen::Index row) {
@@ -483,25 +443,21 @@ int runRows(const InverseArguments& arguments, const GlobalOptions& global, cons
   };
   // Nothing is printed of a table with a faulty row.
   for (Eigen::Index row = 0; poses && row < targets.rows(); ++row) {
-    poseOf(lineOf(row), targets.row(row), false);
+    poseOf(lineOf(row), targets.row(row));
   }
-  RowPrinter rows(global.format, scene.name);
+  RowPrinter rows(global.format, scene.name, CsvTable(std::cout, kInverseColumns, &scene.arm),
+                  {"status", "reason", "pressure_pa", "input", "active_limits", "residual",
+                   "position_error_m", "tip"});
   bool all_reached = true;
   for (Eigen::Index row = 0; row < targets.rows(); ++row) {
     const Eigen::VectorXd target = targets.row(row);
     const std::string line = lineOf(row);
-    const InverseResult result = poses ? solver.toPose(poseOf(line, target, false), start)
-                                       : solver.toPosition(target, start);
-    InverseAnswer answer{result, result.input, model::ArmResponse(scene.arm)};
-    const statics::Solution reached = model.solve(result.input);
-    lookAtZones(zones, start, reached, answer);
+    const InverseAnswer answer = answerOf(
+        model, zones, start,
+        poses ? solver.toPose(poseOf(line, target), start) : solver.toPosition(target, start));
     all_reached = all_reached && answer.reached();
-    if (arguments.prefer == "min-change") start = result.input;
-    rows.add(
-        line, [&] { return reportOf(scene, tier, answer, reached); },
-        [&] { return rowOf(scene, tier, answer, reached); },
-        {"status", "reason", "pressure_pa", "input", "active_limits", "residual",
-         "position_error_m", "tip"});
+    if (arguments.prefer == "min-change") start = answer.result.input;
+    rows.add(line, reportOf(scene, answer));
   }
   rows.end();
   return all_reached ? kDone : kNotPossible;
@@ -519,7 +475,7 @@ int run(const InverseArguments& arguments, const GlobalOptions& global) {
            " has none");
   statics::InverseSolver solver(model, options);
   if (!arguments.targets.empty()) {
-    if (!arguments.history.empty()) throw CallerError("--targets excludes --history");
+    refuseIf(!arguments.history.empty(), "--targets excludes --history");
     return runRows(arguments, global, scene, model, solver);
   }
   Eigen::VectorXd start = startOf(arguments, scene);
@@ -542,45 +498,42 @@ int run(const InverseArguments& arguments, const GlobalOptions& global) {
     result = solver.toPosition(numberList("--tip", arguments.tip, 3), start);
   } else if (!arguments.pose.empty()) {
     const Eigen::VectorXd pose = numberList("--pose", arguments.pose, 7);
-    result = solver.toPose(poseOf("--pose", pose, true), start);
+    result = solver.toPose(poseOf("--pose", pose), start);
   } else {
     const int sections = scene.arm.sectionCount();
     const Eigen::VectorXd twists = numberList("--twist", arguments.twist, 6 * sections);
     result = solver.toTwists(twists.reshaped(6, sections), start);
   }
-  InverseAnswer answer{result, result.input, response, rows};
+  InverseAnswer answer = answerOf(model, zonesOf(scene, model), start, result);
+  answer.response = response;
+  answer.history_rows = rows;
   if (rows > 0) response.inputsFor(scene.arm, result.input, answer.pressure, after);
-  const statics::Solution reached = model.solve(result.input);
-  lookAtZones(zonesOf(scene, model), start, reached, answer);
-  const statics::TierSetting& tier = model.choice().setting;
-  const json report = reportOf(scene, tier, answer, reached);
+  const json report = reportOf(scene, answer);
   json shown = without(report, {"response", "converged", "order"});
-  shown["tier"] = tier.name();
+  shown["tier"] = answer.tier.name();
   if (rows == 0) addNote(scene.arm, shown);
-  printResult(global.format, report, shown, [&] { return rowOf(scene, tier, answer, reached); });
+  printResult(global.format, report, shown, Csv{kInverseColumns, "", {}, &scene.arm});
   return answer.reached() ? kDone : kNotPossible;
 }
 
 }  // namespace
 
-Subcommand addForward(CLI::App& app) {
-  CLI::App* command = app.add_subcommand("forward", "pressures to the shape and tip of the arm");
-  const auto options = std::make_shared<ForwardOptions>();
-  addScene(*command, "SCENE", options->scene, "scene file")->required();
-  addOption(*command, "--pressure-kpa", options->pressure_kpa,
-            "gauge pressures [kPa], one per actuator: a,b,c");
-  addOption(
-      *command, "--input", options->input,
+void addForward(Commands& commands) {
+  auto [command, options] =
+      commands.add<ForwardOptions>("forward", "pressures to the shape and tip of the arm", run);
+  addScene(command, options.scene);
+  addInputOptions(
+      command, options.input, "gauge pressures [kPa], one per actuator: a,b,c",
       "inputs in SI units instead of kPa, one per actuator: pressures [Pa], spool angles [rad]");
-  addOption(*command, "--inputs", options->inputs,
+  addOption(command, "--inputs", options.inputs,
             "one result per row of this table, or of stdin where it is -: columns pressure_1_kpa "
             ".., pressure_1_pa .. or input_1 .. in SI units");
-  addOption(*command, "--history", options->history, kHistoryHelp);
-  addTierOptions(*command, options->tier);
-  addOption(*command, "--samples", options->samples,
+  addOption(command, "--history", options.history, kHistoryHelp);
+  addTierOptions(command, options.tier);
+  addOption(command, "--samples", options.samples,
             "also give the curve at N evenly spaced s; s runs over [k, k + 1] along section k",
             CLI::Range(2, kMostSamples));
-  command->footer(R"(json: tier, order (of the loaded tier, else null), tier_reason,
+  command.footer(R"(json: tier, order (of the loaded tier, else null), tier_reason,
 tip_error_percent (largest tip error of the tier, of the arm's length; null if it does
 not always converge), status (converged, not_converged, snapped, unsupported), failure (null if
 converged), relative_residual (last iteration's motion over the arm's size),
@@ -602,42 +555,39 @@ nearest).
 --tier, --order, --accuracy and --budget replace everything that the scene says about
 the tier.
 Exit code 1 if no shape balances the load.)");
-  return {command, [options](const GlobalOptions& global) { return run(*options, global); }};
 }
 
-Subcommand addInverse(CLI::App& app) {
-  CLI::App* command =
-      app.add_subcommand("inverse", "a wanted tip, pose or shape to pressures within the limits");
-  const auto arguments = std::make_shared<InverseArguments>();
-  addScene(*command, "SCENE", arguments->scene, "scene file")->required();
-  addOption(*command, "--tip", arguments->tip, "wanted tip position [m]: x,y,z");
-  addOption(*command, "--pose", arguments->pose,
+void addInverse(Commands& commands) {
+  auto [command, arguments] = commands.add<InverseArguments>(
+      "inverse", "a wanted tip, pose or shape to pressures within the limits", run);
+  addScene(command, arguments.scene);
+  addOption(command, "--tip", arguments.tip, "wanted tip position [m]: x,y,z");
+  addOption(command, "--pose", arguments.pose,
             "wanted tip pose [m], unit quaternion: x,y,z,qx,qy,qz,qw");
   addOption(
-      *command, "--twist", arguments->twist,
+      command, "--twist", arguments.twist,
       "wanted twists [m, rad]: vx,vy,vz,wx,wy,wz, those of several sections one after the other");
-  addOption(*command, "--targets", arguments->targets,
+  addOption(command, "--targets", arguments.targets,
             "one result per row of this table, or of stdin where it is -: columns x_m,y_m,z_m and, "
             "for poses, qx,qy,qz,qw; or tip_x_m .. as forward prints them");
-  addOption(*command, "--prefer", arguments->prefer,
+  addOption(command, "--prefer", arguments.prefer,
             "which of the inputs that reach the target: min-pressure, min-change (from the start), "
             "cocontract or stiff (least tip compliance)",
             CLI::IsMember(std::vector<std::string>(statics::kPreferenceWords.begin(),
                                                    statics::kPreferenceWords.end())),
             kShowDefault);
-  addOption(*command, "--start-kpa", arguments->start_kpa,
-            "start of the search, gauge pressures [kPa]: a,b,c; default: lower limits, with "
-            "cocontract at its fraction");
-  addOption(*command, "--start", arguments->start,
-            "start of the search in SI units instead of kPa: pressures [Pa], spool angles [rad]");
-  addOption(*command, "--history", arguments->history,
+  addInputOptions(
+      command, arguments.start,
+      "start of the search, gauge pressures [kPa]: a,b,c; default: lower limits, with "
+      "cocontract at its fraction",
+      "start of the search in SI units instead of kPa: pressures [Pa], spool angles [rad]");
+  addOption(command, "--history", arguments.history,
             std::string(kHistoryHelp) + ", and the pressures continue from there");
-  addTierOptions(*command, arguments->tier);
-  CLI::Option* cocontraction =
-      addOption(*command, "--cocontraction", arguments->cocontraction,
-                "with cocontract: wanted fraction of each actuator's range", CLI::Range(0.0, 1.0),
-                kShowDefault);
-  command->footer(
+  addTierOptions(command, arguments.tier);
+  addOption(command, "--cocontraction", arguments.cocontraction,
+            "with cocontract: wanted fraction of each actuator's range, default 0.5",
+            CLI::Range(0.0, 1.0));
+  command.footer(
       R"(json: tier, order (of the loaded tier, else null), pressure_pa, actuators, status
 (reached, unreachable, not_converged), reason (null if reached), converged, residual
 (position error and, for poses and twists, 0.1 m per rad of rotation [m]),
@@ -650,10 +600,6 @@ Of a scene with keep_out: clearance_m and zone at the result; status blocked (ex
 where the arm would come too close on the straight way of the pressures from the start:
 blocked_by, clear_tip {position_m} (the last on that way; null if the start is too close).
 An unreachable target gives the closest inputs found and exit code 1.)");
-  return {command, [arguments, cocontraction](const GlobalOptions& global) {
-            arguments->cocontraction_given = cocontraction->count() > 0;
-            return run(*arguments, global);
-          }};
 }
 
 }  // namespace helix_arm::cli
