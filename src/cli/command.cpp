@@ -99,6 +99,12 @@ vision::CharucoBoard charucoOf(const BoardArguments& arguments) {
 
 }  // namespace
 
+CLI::App& Commands::add(const char* name, const char* help,
+                        std::function<int(const GlobalOptions&)> run) const {
+  works_->push_back({app_.add_subcommand(name, help), std::move(run)});
+  return *works_->back().app;
+}
+
 Commands Commands::group(const char* name, const char* help) const {
   Commands below(*app_.add_subcommand(name, help)->require_subcommand(1));
   below.works_ = works_;

@@ -50,9 +50,10 @@ fs::path makeDirectory(const std::string& out) {
   const fs::path directory(out);
   std::error_code error;
   fs::create_directories(directory, error);
-  const bool usable = fs::is_directory(directory) && fs::is_empty(directory, error);
-  refuseIf(!usable, "--out ", out, " is not a folder that is empty or can be created",
-           error ? ": " + error.message() : "", "; choose another folder");
+  const bool usable = !error && fs::is_empty(directory, error);
+  refuseIf(!usable, "--out ", out,
+           error ? " cannot be created: " + error.message() : " is not empty",
+           "; expected a folder that is empty or absent");
   return directory;
 }
 
