@@ -132,7 +132,9 @@ bool interrupted() { return noted; }
 
 bool Progress::reached(double done) {
   const int tenths = static_cast<int>(10 * done / total_);
-  if (tenths > tenths_) std::cerr << what_ << ": " << done << " of " << total_ << unit_ << "\n";
+  if (tenths > tenths_) {
+    std::cerr << what_ << basics::format(": %.10g of %.10g%s\n", done, total_, unit_);
+  }
   tenths_ = tenths;
   return !interrupted();
 }

@@ -24,28 +24,19 @@ void addNote(const model::Arm& arm, json& shown) {
   if (!note.empty()) shown["notes"] = {note + "; --history follows measured pressures"};
 }
 
-// Zones that the arm keeps out of, beside a result.
-struct ZoneAnswer {
-  clearance::Clearance clearance;
-  std::string name;
-  std::optional<clearance::Blocked> blocked = {};  // the way there
-};
+using Zones = std::optional<clearance::SweepCheck>;
 
-std::optional<clearance::SweepCheck> zonesOf(const io::Scene& scene,
-                                             const statics::ArmModel& model) {
+Zones zonesOf(const io::Scene& scene, const statics::ArmModel& model) {
   if (!scene.keep_out) return std::nullopt;
   return clearance::SweepCheck(model, *scene.keep_out);
 }
 
-ZoneAnswer zoneAt(const clearance::SweepCheck& check, const model::Shape& shape) {
-  const clearance::Clearance found = check.clearance().of(shape);
-  return {found, check.clearance().nameOf(found.zone)};
-}
-
-void addZone(const std::optional<ZoneAnswer>& zone, json& document) {
-  if (!zone) return;
-  document["clearance_m"] = zone->clearance.distance;
-  document["zone"] = textOrNull(zone->name);
+// Adds the zone that is nearest to a shape.
+void addZone(const Zones& zones, const statics::Solution& solution, json& document) {
+  if (!zones || !solution.converged()) return;
+  const clearance::Clearance found = zones->clearance().of(solution.shape);
+  document["clearance_m"] = found.distance;
+  document["zone"] = textOrNull(zones->clearance().nameOf(found.zone));
 }
 
 // ---- forward ------------------------------------------------------------------------------------
@@ -59,30 +50,9 @@ struct ForwardOptions {
   int samples = 0;
 };
 
-// One row of a history.
-struct HistoryRow {
-  std::optional<double> time;
-  Eigen::VectorXd pressure, effective;  // (n)
-  bool known;
-  statics::Tip tip;
-};
-
-struct ForwardResult {
-  statics::TierChoice choice;
-  Eigen::VectorXd inputs, lengths;
-  statics::Solution solution;
-  model::ArmResponse response;  // at the inputs
-  Eigen::VectorXd measured;     // (n) last row of the history, or the inputs
-  int full_rank = lie::SE3::kDof;
-  std::vector<json> sections = {};  // {rank, condition, null_space}
-  std::vector<model::CurvePoint<lie::SE3>> curve = {};
-  std::vector<HistoryRow> rows = {};  // of the history
-  std::optional<ZoneAnswer> zone = {};
-};
-
 template <class Group>
-std::vector<json> sectionsOf(const model::ArmOf<Group>& arm) {
-  std::vector<json> sections;
+json sectionsOf(const model::ArmOf<Group>& arm) {
+  json sections = json::array();
   for (int k = 0; k < arm.sectionCount(); ++k) {
     const auto& equilibrium = arm.equilibrium(k);
     json null_space = json::array();
@@ -96,39 +66,6 @@ std::vector<json> sectionsOf(const model::ArmOf<Group>& arm) {
   return sections;
 }
 
-ForwardResult forward(const statics::ArmModel& model, const Eigen::VectorXd& inputs, int samples) {
-  const bool planar = model.choice().setting.tier == statics::Tier::kPlanar;
-  ForwardResult result{model.choice(),
-                       inputs,
-                       model.arm().lengths(inputs),
-                       model.solve(inputs),
-                       model::ArmResponse(model.arm()),
-                       inputs};
-  if (planar) result.full_rank = lie::SE2::kDof;
-  result.sections = planar ? sectionsOf(*model.planar()) : sectionsOf(model.arm());
-  if (samples > 0) result.curve = model.curve(inputs, samples);
-  return result;
-}
-
-// The rows in their order; the shape is that at the last one.
-ForwardResult forward(const statics::ArmModel& model, const model::InputHistory& history,
-                      int samples) {
-  model::ArmResponse response(model.arm());
-  std::vector<HistoryRow> rows;
-  for (Eigen::Index k = 0; k < history.rows(); ++k) {
-    response.follow(history, k);
-    const Eigen::VectorXd effective = model.arm().clamped(response.effective());
-    rows.push_back({history.time.empty() ? std::nullopt
-                                         : std::optional(history.time[static_cast<std::size_t>(k)]),
-                    history.input.row(k), effective, response.known(), model.tip(effective)});
-  }
-  ForwardResult result = forward(model, rows.back().effective, samples);
-  result.response = std::move(response);
-  result.measured = rows.back().pressure;
-  result.rows = std::move(rows);
-  return result;
-}
-
 json helixJson(const lie::Vector6& twist) {
   constexpr double kStraight = 1e-12;  // below it, a curvature is rounding error [rad]
   if (twist.tail<3>().norm() < kStraight) {
@@ -138,26 +75,36 @@ json helixJson(const lie::Vector6& twist) {
   return {{"radius_m", helix.radius}, {"pitch_m", helix.pitch}, {"turns", helix.turns}};
 }
 
-json historyJson(const HistoryRow& row) {
-  return {{"time_s", row.time},
-          {"pressure_pa", row.pressure},
-          {"effective_pressure_pa", row.effective},
-          {"memory_known", row.known},
-          {"tip", valueIf(row.tip.converged(), row.tip.tip)}};
-}
-
 json curveJson(const model::CurvePoint<lie::SE3>& point) {
   json entry = point.X;
   entry["s"] = point.s;
   return entry;
 }
 
-json reportOf(const io::Scene& scene, const ForwardResult& result) {
-  const statics::TierSetting& setting = result.choice.setting;
-  const statics::Solution& solution = result.solution;
+// The report of a scene's arm.
+struct Forward {
+  const io::Scene& scene;
+  statics::ArmModel model;
+  int samples = 0;  // of the curve
+  Zones zones = zonesOf(scene, model);
+
+  json at(const Eigen::VectorXd& inputs) const;
+  // The shape is that at the last row. Each row has the `status` of its tip, for csv.
+  json after(const model::InputHistory& history) const;
+
+ private:
+  // At inputs, which are effective pressures.
+  json shapeAt(const Eigen::VectorXd& inputs) const;
+};
+
+json Forward::shapeAt(const Eigen::VectorXd& inputs) const {
+  const statics::TierChoice& choice = model.choice();
+  const statics::TierSetting& setting = choice.setting;
+  const bool planar = setting.tier == statics::Tier::kPlanar;
+  const statics::Solution solution = model.solve(inputs);
   const model::Twists twists = solution.shape.twists();  // means
-  json sections = result.sections;
-  int rank = result.full_rank;
+  json sections = planar ? sectionsOf(*model.planar()) : sectionsOf(model.arm());
+  int rank = planar ? lie::SE2::kDof : lie::SE3::kDof;
   double condition = 0;
   for (std::size_t k = 0; k < sections.size(); ++k) {
     rank = std::min(rank, sections[k]["rank"].get<int>());
@@ -169,32 +116,57 @@ json reportOf(const io::Scene& scene, const ForwardResult& result) {
   }
   json document{{"scene", scene.name},
                 {"tier", statics::nameOf(setting.tier)},
-                {"tier_reason", result.choice.reason},
+                {"tier_reason", choice.reason},
                 {"order", valueIf(setting.order > 0, setting.order)},
-                {"tip_error_percent", 100 * result.choice.relative_tip_error},
+                {"tip_error_percent", 100 * choice.relative_tip_error},
                 {"status", statics::nameOf(solution.status)},
                 {"failure", valueIf(!solution.converged(), reasonForNoShape(solution.status))},
                 {"relative_residual", solution.residual},
                 {"iterations", solution.iterations},
                 {"twist", twists.transpose()},
                 {"tip", solution.tip},
-                {"lengths_m", result.lengths},
+                {"lengths_m", model.arm().lengths(inputs)},
                 {"rank", rank},
-                {"full_rank", result.full_rank},
+                {"full_rank", planar ? lie::SE2::kDof : lie::SE3::kDof},
                 {"condition", condition},
                 {"sections", sections}};
-  addInputs(scene.arm, result.measured, document);
-  addResponse(scene.arm, result.response, static_cast<Eigen::Index>(result.rows.size()), document);
-  if (!result.rows.empty()) {
-    document["effective_pressure_pa"] = result.inputs;
-    document["history"] = listJson(result.rows, historyJson);
-  }
-  addZone(result.zone, document);
+  addZone(zones, solution, document);
   if (solution.shape.piecesPerSection() > 1) {
     document["pieces"] = solution.shape.piecesPerSection();
     document["piece_twist"] = solution.shape.pieces().transpose();
   }
-  if (!result.curve.empty()) document["curve"] = listJson(result.curve, curveJson);
+  if (samples > 0) document["curve"] = listJson(model.curve(inputs, samples), curveJson);
+  return document;
+}
+
+json Forward::at(const Eigen::VectorXd& inputs) const {
+  json document = shapeAt(inputs);
+  addInputs(scene.arm, inputs, document);
+  addResponse(scene.arm, model::ArmResponse(scene.arm), 0, document);
+  return document;
+}
+
+json Forward::after(const model::InputHistory& history) const {
+  model::ArmResponse response(model.arm());
+  json rows = json::array();
+  Eigen::VectorXd effective;
+  for (Eigen::Index k = 0; k < history.rows(); ++k) {
+    response.follow(history, k);
+    effective = model.arm().clamped(response.effective());
+    const statics::Tip tip = model.tip(effective);
+    rows.push_back({{"time_s", nullptr},
+                    {"pressure_pa", history.input.row(k)},
+                    {"effective_pressure_pa", effective},
+                    {"memory_known", response.known()},
+                    {"status", statics::nameOf(tip.status)},
+                    {"tip", valueIf(tip.converged(), tip.tip)}});
+    if (!history.time.empty()) rows.back()["time_s"] = history.time[static_cast<std::size_t>(k)];
+  }
+  json document = shapeAt(effective);
+  addInputs(scene.arm, history.input.row(history.rows() - 1), document);
+  addResponse(scene.arm, response, history.rows(), document);
+  document["effective_pressure_pa"] = effective;
+  document["history"] = rows;
   return document;
 }
 
@@ -212,54 +184,43 @@ const Columns kForwardColumns = {"tier",
                                  "tip_error_percent"};
 
 // The rows of the history, or the curve if it was requested; otherwise one row with all numbers.
-void printTable(const io::Scene& scene, const ForwardResult& result, json report,
-                std::ostream& out) {
-  for (std::size_t k = 0; k < result.rows.size(); ++k) {
-    report["history"][k]["status"] = statics::nameOf(result.rows[k].tip.status);
+Csv csvOf(const io::Scene& scene, const json& report) {
+  if (report.contains("history")) {
+    return {{"time_s", "pressure_pa", "effective_pressure_pa", "memory_known", "status", "tip"},
+            "history"};
   }
-  if (!result.rows.empty()) {
-    return printCsv(
-        report,
-        {{"time_s", "pressure_pa", "effective_pressure_pa", "memory_known", "status", "tip"},
-         "history"},
-        out);
-  }
-  if (!result.curve.empty()) {
-    return printCsv(report, {{"s", "position_m", "quaternion_xyzw"}, "curve"}, out);
-  }
-  printCsv(report, {kForwardColumns, "", {}, &scene.arm}, out);
+  if (report.contains("curve")) return {{"s", "position_m", "quaternion_xyzw"}, "curve"};
+  return {kForwardColumns, "", {}, &scene.arm};
 }
 
 // The report without the history, and with what the numbers leave open.
-json shownOf(const io::Scene& scene, const ForwardResult& result, json report) {
-  report["tier"] = result.choice.setting.name();
-  if (!result.rows.empty()) report["history"] = std::to_string(result.rows.size()) + " rows";
+json shownOf(const Forward& forward, json report) {
+  report["tier"] = forward.model.choice().setting.name();
   report.erase("order");
   report.erase("piece_twist");
-  if (result.rows.empty()) {
+  if (report.contains("history")) {
+    report["history"] = std::to_string(report["history"].size()) + " rows";
+  } else {
     report.erase("response");
-    addNote(scene.arm, report);
+    addNote(forward.scene.arm, report);
   }
   return report;
 }
 
 // One result per row of a table.
-int runRows(const ForwardOptions& options, const GlobalOptions& global, const io::Scene& scene) {
+int runRows(const ForwardOptions& options, Format format, const Forward& forward) {
   refuseIf(options.input.given() || !options.history.empty() || options.samples > 0,
            "--inputs excludes --pressure-kpa, --input, --history and --samples");
+  const io::Scene& scene = forward.scene;
   const io::DataSet data = tableOf(options.inputs);
   const Eigen::MatrixXd inputs = inputRowsOf(scene, data);
-  const statics::ArmModel model = modelOf(scene, options.tier);
-  const auto zones = zonesOf(scene, model);
-  RowPrinter rows(global.format, scene.name, CsvTable(std::cout, kForwardColumns, &scene.arm),
+  RowPrinter rows(format, scene.name, CsvTable(std::cout, kForwardColumns, &scene.arm),
                   {"status", "tip"});
   bool all_converged = true;
   for (Eigen::Index row = 0; row < inputs.rows(); ++row) {
-    ForwardResult result = forward(model, inputs.row(row), 0);
-    if (zones && result.solution.converged()) result.zone = zoneAt(*zones, result.solution.shape);
-    all_converged = all_converged && result.solution.converged();
-    rows.add("line " + std::to_string(data.lines[static_cast<std::size_t>(row)]),
-             reportOf(scene, result));
+    const json report = forward.at(inputs.row(row));
+    all_converged = all_converged && report["failure"].is_null();
+    rows.add("line " + std::to_string(data.lines[static_cast<std::size_t>(row)]), report);
   }
   rows.end();
   return all_converged ? kDone : kNotPossible;
@@ -274,17 +235,18 @@ int run(const ForwardOptions& options, const GlobalOptions& global) {
   refuseIf(!follows && !options.input.given() && options.inputs.empty(),
            "give --pressure-kpa, --input, --inputs or --history");
   const io::Scene scene = loadScene(options.scene, global);
-  if (!options.inputs.empty()) return runRows(options, global, scene);
-  const statics::ArmModel model = modelOf(scene, options.tier);
-  ForwardResult result =
-      follows ? forward(model, historyOfFile(scene, options.history), options.samples)
-              : forward(model, inputsOf(scene, options.input), options.samples);
-  const auto zones = zonesOf(scene, model);
-  if (zones && result.solution.converged()) result.zone = zoneAt(*zones, result.solution.shape);
-  const json report = reportOf(scene, result);
-  printResult(global.format, report, shownOf(scene, result, report),
-              [&](std::ostream& out) { printTable(scene, result, report, out); });
-  return result.solution.converged() ? kDone : kNotPossible;
+  const Forward forward{scene, modelOf(scene, options.tier), options.samples};
+  if (!options.inputs.empty()) return runRows(options, global.format, forward);
+  json report = follows ? forward.after(historyOfFile(scene, options.history))
+                        : forward.at(inputsOf(scene, options.input));
+  const auto print = [&scene, table = report](std::ostream& out) {
+    printCsv(table, csvOf(scene, table), out);
+  };
+  if (follows) {
+    for (json& row : report["history"]) row.erase("status");
+  }
+  printResult(global.format, report, shownOf(forward, report), print);
+  return report["failure"].is_null() ? kDone : kNotPossible;
 }
 
 // ---- inverse ------------------------------------------------------------------------------------
@@ -353,60 +315,35 @@ json activeLimits(const model::Arm& arm, const InverseResult& result) {
   return limits;
 }
 
-// Result of the search, and the pressures that it takes.
-struct InverseAnswer {
-  InverseResult result;  // its inputs are effective ones
-  statics::TierSetting tier;
-  statics::Solution shape;      // at these inputs
-  Eigen::VectorXd pressure;     // (n) to command
-  model::ArmResponse response;  // before
-  Eigen::Index history_rows = 0;
-  std::optional<ZoneAnswer> zone = {};
-
-  bool blocked() const { return zone && zone->blocked; }
-  bool reached() const { return result.status == InverseStatus::kReached && !blocked(); }
-};
-
-// Looks at the zones on the way from where the search began.
-InverseAnswer answerOf(const statics::ArmModel& model,
-                       const std::optional<clearance::SweepCheck>& zones,
-                       const Eigen::VectorXd& start, const InverseResult& result) {
-  InverseAnswer answer{result, model.choice().setting, model.solve(result.input), result.input,
-                       model::ArmResponse(model.arm())};
-  if (zones && answer.shape.converged()) {
-    answer.zone = zoneAt(*zones, answer.shape.shape);
-    answer.zone->blocked = zones->sweep({start, result.input});
-  }
-  return answer;
-}
-
-json reportOf(const io::Scene& scene, const InverseAnswer& answer) {
-  const InverseResult& result = answer.result;
-  const statics::Solution& shape = answer.shape;
+// The report of a search that began at these inputs.
+json reportOf(const io::Scene& scene, const statics::ArmModel& model, const Zones& zones,
+              const Eigen::VectorXd& start, const InverseResult& result) {
+  const statics::TierSetting& tier = model.choice().setting;
+  const statics::Solution found = model.solve(result.input);
   json document{{"scene", scene.name},
-                {"tier", nameOf(answer.tier.tier)},
-                {"order", valueIf(answer.tier.tier == statics::Tier::kLoaded, answer.tier.order)},
-                {"status", answer.blocked() ? "blocked" : statusName(result.status)},
+                {"tier", nameOf(tier.tier)},
+                {"order", valueIf(tier.tier == statics::Tier::kLoaded, tier.order)},
+                {"status", statusName(result.status)},
                 {"reason", textOrNull(reasonFor(result))},
                 {"converged", result.converged()},
                 {"residual", result.residual},
                 {"position_error_m", result.position_error},
                 {"active_limits", activeLimits(scene.arm, result)},
                 {"iterations", result.iterations},
-                {"tip", valueIf(shape.converged(), shape.tip)},
-                {"twist", valueIf(shape.converged(), shape.shape.twists().transpose())}};
-  addInputs(scene.arm, answer.pressure, document);
-  addResponse(scene.arm, answer.response, answer.history_rows, document);
-  if (answer.history_rows > 0) document["effective_pressure_pa"] = result.input;
-  addZone(answer.zone, document);
-  if (answer.blocked()) {
-    const clearance::Blocked& blocked = *answer.zone->blocked;
-    document["reason"] = "on its way from the start the arm " + blocked.text() +
+                {"tip", valueIf(found.converged(), found.tip)},
+                {"twist", valueIf(found.converged(), found.shape.twists().transpose())}};
+  addInputs(scene.arm, result.input, document);
+  addResponse(scene.arm, model::ArmResponse(scene.arm), 0, document);
+  addZone(zones, found, document);
+  if (!zones || !found.converged()) return document;
+  if (const auto blocked = zones->sweep({start, result.input})) {
+    document["status"] = "blocked";
+    document["reason"] = "on its way from the start the arm " + blocked->text() +
                          "; plan a way around: helix_arm plan";
-    document["blocked_by"] = textOrNull(blocked.zone);
+    document["blocked_by"] = textOrNull(blocked->zone);
     document["clear_tip"] = nullptr;
-    if (blocked.last_clear.size() > 0) {
-      document["clear_tip"] = {{"position_m", blocked.clear_tip}};
+    if (blocked->last_clear.size() > 0) {
+      document["clear_tip"] = {{"position_m", blocked->clear_tip}};
     }
   }
   return document;
@@ -452,12 +389,12 @@ int runRows(const InverseArguments& arguments, const GlobalOptions& global, cons
   for (Eigen::Index row = 0; row < targets.rows(); ++row) {
     const Eigen::VectorXd target = targets.row(row);
     const std::string line = lineOf(row);
-    const InverseAnswer answer = answerOf(
-        model, zones, start,
-        poses ? solver.toPose(poseOf(line, target), start) : solver.toPosition(target, start));
-    all_reached = all_reached && answer.reached();
-    if (arguments.prefer == "min-change") start = answer.result.input;
-    rows.add(line, reportOf(scene, answer));
+    const InverseResult result =
+        poses ? solver.toPose(poseOf(line, target), start) : solver.toPosition(target, start);
+    const json report = reportOf(scene, model, zones, start, result);
+    all_reached = all_reached && report["status"] == "reached";
+    if (arguments.prefer == "min-change") start = result.input;
+    rows.add(line, report);
   }
   rows.end();
   return all_reached ? kDone : kNotPossible;
@@ -504,16 +441,19 @@ int run(const InverseArguments& arguments, const GlobalOptions& global) {
     const Eigen::VectorXd twists = numberList("--twist", arguments.twist, 6 * sections);
     result = solver.toTwists(twists.reshaped(6, sections), start);
   }
-  InverseAnswer answer = answerOf(model, zonesOf(scene, model), start, result);
-  answer.response = response;
-  answer.history_rows = rows;
-  if (rows > 0) response.inputsFor(scene.arm, result.input, answer.pressure, after);
-  const json report = reportOf(scene, answer);
+  json report = reportOf(scene, model, zonesOf(scene, model), start, result);
+  if (rows > 0) {
+    Eigen::VectorXd pressure = result.input;
+    response.inputsFor(scene.arm, result.input, pressure, after);
+    addInputs(scene.arm, pressure, report);
+    addResponse(scene.arm, response, rows, report);
+    report["effective_pressure_pa"] = result.input;
+  }
   json shown = without(report, {"response", "converged", "order"});
-  shown["tier"] = answer.tier.name();
+  shown["tier"] = model.choice().setting.name();
   if (rows == 0) addNote(scene.arm, shown);
   printResult(global.format, report, shown, Csv{kInverseColumns, "", {}, &scene.arm});
-  return answer.reached() ? kDone : kNotPossible;
+  return report["status"] == "reached" ? kDone : kNotPossible;
 }
 
 }  // namespace
