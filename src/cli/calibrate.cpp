@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <iostream>
 
 #include "bag/bag_captures.hpp"
 #include "command.hpp"

@@ -1,4 +1,3 @@
-#include <iostream>
 
 #include "command.hpp"
 #include "helix_arm/basics/text.hpp"

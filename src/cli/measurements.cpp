@@ -1,6 +1,5 @@
 #include "measurements.hpp"
 
-#include <algorithm>
 #include <iostream>
 
 #include "command.hpp"

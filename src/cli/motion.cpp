@@ -3,7 +3,6 @@
 #include <stdexcept>
 
 #include "command.hpp"
-#include "helix_arm/basics/text.hpp"
 #include "helix_arm/dynamics/arm_motion.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/procedures/report_plot.hpp"

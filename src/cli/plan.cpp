@@ -2,7 +2,6 @@
 #include <iostream>
 
 #include "command.hpp"
-#include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/planning/pressure_planner.hpp"
 

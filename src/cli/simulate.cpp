@@ -5,7 +5,6 @@
 #include <fstream>
 #include <limits>
 #include <random>
-#include <sstream>
 #include <stdexcept>
 
 #include "command.hpp"

@@ -2,7 +2,6 @@
 #include <filesystem>
 #include <iostream>
 #include <limits>
-#include <sstream>
 
 #include "command.hpp"
 #include "helix_arm/basics/median.hpp"
@@ -43,8 +42,8 @@ struct TradeRow {
   std::string part;     ///< model, curve, sight or fit: rows of one part compete with each other
   std::string tier;     ///< of the part
   std::string setting;  ///< of the tier; empty where it has none
-  double time;          ///< median of one answer [s]
-  double error;         ///< as a part of the arm's length; infinite where there is no answer
+  double time = 0;      ///< median of one answer [s]
+  double error = 0;     ///< as a part of the arm's length; infinite where there is no answer
   bool on_frontier = false;
 };
 
@@ -202,8 +201,19 @@ Film shoot(const io::Scene& scene, int count) {
   return film;
 }
 
-double tipDistance(const Eigen::Vector3d& tip, const model::Shape& truth) {
-  return (tip - model::tipPose(truth).translation).norm();
+// Median time and error of a tip that is found in each picture, or not.
+TradeRow rowOf(const io::Scene& scene, const Film& film, TradeRow row,
+               const std::function<std::optional<Eigen::Vector3d>(std::size_t)>& tipIn) {
+  std::vector<double> times, errors;
+  for (std::size_t i = 0; i < film.pictures.size(); ++i) {
+    const double begin = regulator::steadyNow();
+    const std::optional<Eigen::Vector3d> tip = tipIn(i);
+    times.push_back(regulator::steadyNow() - begin);
+    errors.push_back(tip ? (*tip - model::tipPose(film.truth[i]).translation).norm() : kInfinity);
+  }
+  row.time = basics::medianOf(times);
+  row.error = basics::medianOf(errors) / scene.arm.restLength();
+  return row;
 }
 
 const char* nameOf(TrackingMode mode) {
@@ -216,17 +226,13 @@ TradeRow searchRow(const io::Scene& scene, const Film& film, TrackingMode mode, 
   config.tracking = mode;
   config.detector.quad_decimate = decimate;
   vision::ArmLocalizer localizer(scene.view(), config);
-  std::vector<double> times, errors;
-  for (std::size_t i = 0; i < film.pictures.size(); ++i) {
-    const double begin = regulator::steadyNow();
-    const vision::Observation& vision = localizer.locate(film.pictures[i], film.model[i]);
-    times.push_back(regulator::steadyNow() - begin);
-    errors.push_back(vision.state == vision::ObservationState::kMeasured
-                         ? tipDistance(model::tipPose(vision.fit.shape).translation, film.truth[i])
-                         : kInfinity);
-  }
-  return {"sight", nameOf(mode), basics::format("quad_decimate %g", decimate),
-          basics::medianOf(times), basics::medianOf(errors) / scene.arm.restLength()};
+  const auto tipIn = [&](std::size_t i) -> std::optional<Eigen::Vector3d> {
+    const vision::Observation& seen = localizer.locate(film.pictures[i], film.model[i]);
+    if (seen.state != vision::ObservationState::kMeasured) return std::nullopt;
+    return model::tipPose(seen.fit.shape).translation;
+  };
+  return rowOf(scene, film, {"sight", nameOf(mode), basics::format("quad_decimate %g", decimate)},
+               tipIn);
 }
 
 // Parameters that a fit estimates in addition to the shape.
@@ -259,20 +265,14 @@ std::vector<TradeRow> fitRows(const io::Scene& scene, const Film& film) {
     options.free_base = mode.free_base;
     options.free_border_shift = mode.free_border_shift;
     estimation::TwistFitter fitter(view.layout, view.sections, options);
-    std::vector<double> times, errors;
-    for (std::size_t i = 0; i < seen.size(); ++i) {
-      const double begin = regulator::steadyNow();
+    const auto tipIn = [&](std::size_t i) -> std::optional<Eigen::Vector3d> {
       const estimation::TwistFit& fit =
           mode.cold ? fitter.fitCold(seen[i], view.X_CB, focal, film.model[i])
                     : fitter.fit(seen[i], view.X_CB, focal, film.model[i]);
-      times.push_back(regulator::steadyNow() - begin);
-      const bool measured = fit.status == estimation::FitStatus::kConverged;
-      errors.push_back(
-          measured ? tipDistance(fit.X_B0B * model::tipPose(fit.shape).translation, film.truth[i])
-                   : kInfinity);
-    }
-    rows.push_back({"fit", "corners", mode.setting, basics::medianOf(times),
-                    basics::medianOf(errors) / scene.arm.restLength()});
+      if (fit.status != estimation::FitStatus::kConverged) return std::nullopt;
+      return fit.X_B0B * model::tipPose(fit.shape).translation;
+    };
+    rows.push_back(rowOf(scene, film, {"fit", "corners", mode.setting}, tipIn));
   }
   return rows;
 }

@@ -12,7 +12,6 @@
 
 #include "command.hpp"
 #include "helix_arm/basics/median.hpp"
-#include "helix_arm/basics/text.hpp"
 #include "helix_arm/clearance/sweep.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/procedures/report_plot.hpp"
@@ -194,18 +193,16 @@ void add(const statics::WorkspacePoints& points, Eigen::Index& kept, WorkspaceSu
 
 // Keeps the points at which the arm is clear of the zones. @return how many are not.
 int keepClear(const clearance::SweepCheck& zones, statics::WorkspacePoints& points) {
-  Eigen::Index kept = 0;
+  std::vector<Eigen::Index> clear;
   for (Eigen::Index row = 0; row < points.tips.rows(); ++row) {
-    if (!zones.isClear(points.inputs.row(row).transpose())) continue;
-    points.inputs.row(kept) = points.inputs.row(row);
-    points.tips.row(kept) = points.tips.row(row);
-    if (points.sensitivity.rows() > 0) points.sensitivity.row(kept) = points.sensitivity.row(row);
-    ++kept;
+    if (zones.isClear(points.inputs.row(row).transpose())) clear.push_back(row);
   }
-  const auto blocked = static_cast<int>(points.tips.rows() - kept);
-  points.inputs.conservativeResize(kept, Eigen::NoChange);
-  points.tips.conservativeResize(kept, Eigen::NoChange);
-  if (points.sensitivity.rows() > 0) points.sensitivity.conservativeResize(kept, Eigen::NoChange);
+  const int blocked = static_cast<int>(points.tips.rows()) - static_cast<int>(clear.size());
+  points.inputs = points.inputs(clear, Eigen::all).eval();
+  points.tips = points.tips(clear, Eigen::all).eval();
+  if (points.sensitivity.rows() > 0) {
+    points.sensitivity = points.sensitivity(clear, Eigen::all).eval();
+  }
   return blocked;
 }
 
