@@ -114,7 +114,7 @@ json profileOf(const NewArm& arm) {
                     {"has_addresses",
                      serial != nullptr && serial->write.find("{address}") != std::string::npos},
                     {"highest_kpa", io::kilopascals(device.highestPressure())},
-                    {"channels", device.channels ? json(*device.channels) : json()}};
+                    {"channels", device.channels}};
       },
       profile);
 }

@@ -558,33 +558,31 @@ is in the result and on stderr. 2: the call is wrong.)";
 }  // namespace
 
 void addRegulator(Commands& commands) {
-  Commands regulator = commands.group("regulator", "commission the scene's pressure regulator");
+  Commands group = commands.group("regulator", "commission the scene's pressure regulator");
   const auto shared = std::make_shared<RegulatorOptions>();
-  addScene(regulator.app(), shared->scene);
-  regulator.app().footer(footer());
+  addScene(group.app(), shared->scene);
   const auto addSeconds = [&shared](CLI::App& command, const char* help) {
     addOption(command, "--seconds", shared->seconds, help, TypeName{"S"},
               CLI::Range(0.01, kLongestRun));
   };
   addSeconds(
-      regulator
+      group
           .add("probe", "connect (which vents) and read: which channels answer, and how often",
                probeRegulator, shared)
           .command,
       "time to read [s], default 1");
-  auto [set, options] = regulator.add(
+  auto [set, options] = group.add(
       "set", "go to pressures within limits and slew, hold them, and vent", setRegulator, shared);
   addOption(set, "--pressure-kpa", options.pressure.kpa,
             "gauge pressures [kPa], one per actuator, separated by commas", kRequired,
             TypeName{"A,B,.."});
   set.add_flag("--yes", options.yes, "confirms that air may move and the arm is clear of people");
   addSeconds(set, "time to hold the set points once they are reached [s], default 5");
-  regulator.add(
-      "vent",
-      "connect, vent, and wait until every channel is within safety.vented_below_kpa of the "
-      "atmosphere",
-      ventRegulator, shared);
-  addOption(regulator
+  group.add("vent",
+            "connect, vent, and wait until every channel is within safety.vented_below_kpa of the "
+            "atmosphere",
+            ventRegulator, shared);
+  addOption(group
                 .add("guard",
                      "wait for the end of stdin, then vent; started by the node that moves the arm",
                      guardRegulator, shared)
@@ -592,11 +590,12 @@ void addRegulator(Commands& commands) {
             "--realtime-priority", options.realtime_priority,
             "real-time priority (SCHED_FIFO), if the user's limits allow it; default 0: none",
             TypeName{"N"}, CLI::Range(0, regulator::kHighestRealtimePriority));
-  addSeconds(regulator
+  addSeconds(group
                  .add("emulate", "emulate the device at its address on this machine",
                       emulateRegulator, shared)
                  .command,
              "time to run [s], default: until Ctrl-C");
+  group.app().footer(footer());  // last: commands below would have it, too
 }
 
 }  // namespace helix_arm::cli
