@@ -163,10 +163,12 @@ void addInputs(const model::Arm& arm, const Eigen::VectorXd& inputs, json& resul
     result["pressure_pa"] = inputs;
     return;
   }
-  result["input"] = inputs;
+  json units;
   for (int i = 0; i < arm.actuatorCount(); ++i) {
-    result["input_unit"].push_back(model::unitOf(arm.actuator(i).drive).si);
+    units.push_back(model::unitOf(arm.actuator(i).drive).si);
   }
+  result["input"] = inputs;
+  result["input_unit"] = units;
 }
 
 std::string exact(double value) {
