@@ -51,12 +51,12 @@ class WorkspaceCloud(Node):
             end.make()
 
     def _sample(self, scene: Scene) -> None:
-        found = scene.workspace(self._count, seed=self._seed, sensitivity=scene._is_pneumatic, threads=1)
+        found = scene.workspace(self._count, seed=self._seed, sensitivity=not scene._tendons, threads=1)
         with self._reload.lock:
             if scene is not self._sampled:
                 return  # another one was loaded meanwhile
             sensitivity = (found.moved_per_kpa_m, found.moved_per_mm_m, found.moved_per_percent_stiffness_m)
-            self._publish(scene, np.column_stack((found.tips, *sensitivity)) if scene._is_pneumatic else found.tips)
+            self._publish(scene, np.column_stack((found.tips, *sensitivity)) if not scene._tendons else found.tips)
         if found.unbalanced == self._count:
             log.warning(f"{scene.name}: the cloud of the workspace is empty: by tier {scene.tier} no shape balances the load at "
                         f"any of {self._count} inputs; check the scene's load and K_eps, then reload")
@@ -67,7 +67,7 @@ class WorkspaceCloud(Node):
                      "there")
 
     def _publish(self, scene: Scene, points: np.ndarray) -> None:
-        fields = FIELDS if scene._is_pneumatic else FIELDS[:3]
+        fields = FIELDS if not scene._tendons else FIELDS[:3]
         step = 4 * len(fields)
         self._publisher.publish(PointCloud2(
             header=Header(stamp=rospy.Time.now(), frame_id=self._frame), height=1, width=len(points), point_step=step,

@@ -414,6 +414,13 @@ class SeriesJob {
     out.rms = residual.rms;
     out.rms_about_offset = residual.rms_about_offset;
     out.rms_turn = residual.rms_turn;
+    reportCurves(now, out);
+    out.held_out_rms = std::sqrt(fit.held_out.square().mean());
+    out.baseline_rms = cubicError(recording_.series);
+    out.baseline_held_out_rms = cubicHeldOutError(recording_.series);
+  }
+
+  void reportCurves(const SeriesModel& now, SeriesFit& out) const {
     for (std::size_t c = 0; c < now.lengths.size(); ++c) {
       if (now.lengths[c].empty()) continue;
       ContractionFit& table =
@@ -425,9 +432,6 @@ class SeriesJob {
       table.curve = model::Contraction::table(table.pressures, table.lengths);
       table.rms = out.rms;
     }
-    out.held_out_rms = std::sqrt(fit.held_out.square().mean());
-    out.baseline_rms = cubicError(recording_.series);
-    out.baseline_held_out_rms = cubicHeldOutError(recording_.series);
   }
 
   // (actuators) turn of each about the arm [rad].

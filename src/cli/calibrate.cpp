@@ -1,12 +1,5 @@
 #include <algorithm>
-#include <cmath>
-#include <iostream>
-#include <memory>
-#include <optional>
-#include <string>
-#include <utility>
 
-#include "arguments.hpp"
 #include "bag/bag_captures.hpp"
 #include "command.hpp"
 #include "helix_arm/basics/quote.hpp"
@@ -18,7 +11,6 @@
 #include "helix_arm/procedures/calibration_job.hpp"
 #include "helix_arm/procedures/stand_calibration.hpp"
 #include "measurements.hpp"
-#include "output.hpp"
 
 namespace helix_arm::cli {
 
@@ -26,7 +18,6 @@ namespace {
 
 using estimation::ArmCaptures;
 using estimation::Calibration;
-using nlohmann::json;
 
 const std::vector<std::string> kCurveNames = {"quintic", "table", "spline"};  // as in CurveKind
 
@@ -35,10 +26,9 @@ constexpr int kCurvePoints = 100;
 
 json curveInArmJson(const std::optional<procedures::CurveInArm>& found) {
   if (!found) return nullptr;
-  return {
-      {"taken", found->taken},           {"reason", found->taken ? json() : json(found->reason)},
-      {"deviation_m", found->deviation}, {"standard_errors", found->standard_errors},
-      {"pressure_pa", found->pressure},  {"probability", found->probability}};
+  return {{"taken", found->taken},           {"reason", valueIf(!found->taken, found->reason)},
+          {"deviation_m", found->deviation}, {"standard_errors", found->standard_errors},
+          {"pressure_pa", found->pressure},  {"probability", found->probability}};
 }
 
 json verdictJson(estimation::ResponseVerdict verdict, const std::string& reason) {
@@ -70,7 +60,7 @@ json contractionsJson(const procedures::CalibrationOutcome& outcome) {
                    {"in_arm", curveInArmJson(outcome.curve_in_arm)},
                    {"rms_m", fit.rms},
                    {"constrained", fit.constrained},
-                   {"hysteresis_m", toJson(fit.hysteresis)},
+                   {"hysteresis_m", fit.hysteresis},
                    {"coefficients_m", fit.coefficients},
                    {"reference_pressure_pa", fit.reference_pressure},
                    {"samples", std::move(samples)},
@@ -106,8 +96,8 @@ json modeJson(const procedures::FittedMode& found,
     const auto trial = static_cast<std::size_t>(ring.trial);
     json out{{"trial", trial < found.trials.size() ? basics::printable(found.trials[trial]) : ""},
              {"time_s", ring.begin},
-             {"frequency_hz", ring.found() ? estimateJson(ring.frequency) : json()},
-             {"damping", ring.found() ? estimateJson(ring.damping) : json()},
+             {"frequency_hz", valueIf(ring.found(), estimateJson(ring.frequency))},
+             {"damping", valueIf(ring.found(), estimateJson(ring.damping))},
              {"rms_m", ring.rms},
              {"rows", ring.rows},
              {"reason", textOrNull(ring.reason)}};
@@ -119,8 +109,8 @@ json modeJson(const procedures::FittedMode& found,
     return out;
   });
   const bool fitted = found.fit.fitted();
-  return {{"frequency_hz", fitted ? estimateJson(found.fit.frequency) : json()},
-          {"damping", fitted ? estimateJson(found.fit.damping) : json()},
+  return {{"frequency_hz", valueIf(fitted, estimateJson(found.fit.frequency))},
+          {"damping", valueIf(fitted, estimateJson(found.fit.damping))},
           {"releases", std::move(rings)}};
 }
 
@@ -132,8 +122,8 @@ json seriesJson(const estimation::SeriesFit& fit) {
   json out{{"rms_m", fit.rms},
            {"rms_without_offset_m", fit.rms_about_offset},
            {"held_out_rms_m", fit.held_out_rms},
-           {"baseline_rms_m", numberOrNull(fit.baseline_rms)},
-           {"baseline_held_out_rms_m", numberOrNull(fit.baseline_held_out_rms)},
+           {"baseline_rms_m", fit.baseline_rms},
+           {"baseline_held_out_rms_m", fit.baseline_held_out_rms},
            {"choices", std::move(choices)},
            {"rules", fit.rules}};
   if (!std::isnan(fit.rms_turn)) out["rms_rad"] = fit.rms_turn;
@@ -192,7 +182,7 @@ json armsJson(const procedures::CalibrationOutcome& outcome) {
     json captures = json::array();
     for (const estimation::Capture& capture : arm.captures) {
       json entry{{"capture", capture.number},
-                 {"pressure_pa", toJson(capture.pressure)},
+                 {"pressure_pa", capture.pressure},
                  {"kind", kindOf(capture)}};
       if (const auto* reading = std::get_if<estimation::CurvatureReading>(&capture.reading)) {
         entry["measured_rad"] = reading->curvature;
@@ -202,11 +192,11 @@ json armsJson(const procedures::CalibrationOutcome& outcome) {
         const estimation::CaptureResidual& residual = calibration->captures[index];
         const model::Twists& shape = calibration->shapes[index];
         if (entry.contains("measured_rad")) entry["model_rad"] = model::curvatureOf(shape.col(0));
-        entry["twist"] = toJson(shape);
+        entry["twist"] = shape.transpose();
         entry["rms"] = residual.rms;
         entry["outlier_tags"] = residual.outlier_tags;
         entry["outlier"] = residual.outlier;
-        entry["gain_nats"] = toJson(residual.gain);
+        entry["gain_nats"] = residual.gain;
         const std::vector<model::Twists>& held_out = calibration->held_out_shapes;
         if (entry.contains("measured_rad") && index < held_out.size()) {
           entry["held_out_rad"] = model::curvatureOf(held_out[index].col(0));
@@ -240,34 +230,39 @@ json combinationsJson(const std::vector<estimation::Combination>& combinations) 
   });
 }
 
+json parameterJson(const estimation::Parameter& one) {
+  return {{"parameter", one.name},
+          {"value", one.value},
+          {"standard_error", one.standard_error},
+          {"identifiable", one.identifiable},
+          {"initial", one.initial},
+          {"unit", one.unit}};
+}
+
 json reportOf(const io::Scene& scene, const procedures::CalibrationOutcome& outcome,
               const CalibrateOptions& options) {
   json result{{"scene", scene.name},
               {"success", outcome.success},
-              {"reason", outcome.success ? json() : json(outcome.message)},
-              {"tip_error_before_m", toJson(outcome.tip_error_before)},
-              {"tip_error_after_m", toJson(outcome.tip_error_after)},
+              {"reason", valueIf(!outcome.success, outcome.message)},
+              {"tip_error_before_m", outcome.tip_error_before},
+              {"tip_error_after_m", outcome.tip_error_after},
               {"parameters", json::object()},
               {"contractions", contractionsJson(outcome)},
               {"response", responseJson(outcome.response)},
               {"arms", armsJson(outcome)},
               {"held_out_error", nullptr},
-              {"suspects", suspectsJson(outcome.suspects)},
+              {"suspects", outcome.suspects},
               {"warnings", outcome.warnings},
               {"out", outcome.success ? textOrNull(options.out) : json()}};
   for (const estimation::Parameter& one : procedures::parametersOf(outcome)) {
-    result["parameters"][one.name] = {{"value", one.value},
-                                      {"standard_error", one.standard_error},
-                                      {"identifiable", one.identifiable},
-                                      {"initial", one.initial},
-                                      {"unit", one.unit}};
+    result["parameters"][one.name] = without(parameterJson(one), {"parameter"});
   }
   if (outcome.mode) result["mode"] = modeJson(*outcome.mode, outcome.inertia);
   if (outcome.series && outcome.success) result["series"] = seriesJson(*outcome.series);
   if (outcome.calibration) {
     const Calibration& calibration = *outcome.calibration;
     result["status"] = estimation::nameOf(calibration.status);
-    result["correlation"] = rowsJson(calibration.correlation);
+    result["correlation"] = calibration.correlation;
     result["combinations"] = combinationsJson(calibration.combinations);
     result["rms"] = calibration.rms;
     result["error_unit"] = calibration.error_unit;
@@ -278,34 +273,25 @@ json reportOf(const io::Scene& scene, const procedures::CalibrationOutcome& outc
       result["least_tip_error"] = {{"K_kappa_m2", outcome.least_tip_error->K_kappa},
                                    {"error", outcome.least_tip_error->error}};
     }
-    result["next_pressures_pa"] = listJson(
-        calibration.next_pressures, [](const Eigen::VectorXd& each) { return toJson(each); });
+    result["next_pressures_pa"] =
+        listJson(calibration.next_pressures, [](const Eigen::VectorXd& each) { return each; });
   }
   return result;
 }
 
-// The table, after comments that are printed at once.
-CsvTable csvTable(const procedures::CalibrationOutcome& outcome) {
-  for (const std::string& warning : outcome.warnings) std::cout << "# warning " << warning << "\n";
-  if (!outcome.success) std::cout << "# reason " << outcome.message << "\n";
+void printParameters(const procedures::CalibrationOutcome& outcome, std::ostream& out) {
+  for (const std::string& warning : outcome.warnings) out << "# warning " << warning << "\n";
+  if (!outcome.success) out << "# reason " << outcome.message << "\n";
   for (const auto& [name, fit] : outcome.contractions) {
-    std::cout << "# contraction " << name << " rms_m " << exact(fit.rms) << "\n";
+    out << "# contraction " << name << " rms_m " << exact(fit.rms) << "\n";
   }
-  if (!outcome.calibration && !outcome.response && !outcome.mode && !outcome.series) return {};
+  if (!outcome.calibration && !outcome.response && !outcome.mode && !outcome.series) return;
   if (outcome.calibration && outcome.calibration->by_pressure) {
-    std::cout << "# held_out_error " << exact(outcome.calibration->by_pressure->error) << " "
-              << outcome.calibration->error_unit << "\n";
+    out << "# held_out_error " << exact(outcome.calibration->by_pressure->error) << " "
+        << outcome.calibration->error_unit << "\n";
   }
-  CsvTable table;
-  for (const estimation::Parameter& one : procedures::parametersOf(outcome)) {
-    table.add({{"parameter", one.name},
-               {"unit", one.unit},
-               {"initial", exact(one.initial)},
-               {"value", exact(one.value)},
-               {"standard_error", exact(one.standard_error)},
-               {"identifiable", one.identifiable ? "1" : "0"}});
-  }
-  return table;
+  CsvTable table(out, {"parameter", "unit", "initial", "value", "standard_error", "identifiable"});
+  for (const auto& one : procedures::parametersOf(outcome)) table.add(parameterJson(one));
 }
 
 // Adds the unit of errors to their keys.
@@ -388,11 +374,11 @@ int runStand(const CalibrateOptions& options, const GlobalOptions& global, const
               {"contraction", outcome.contraction},
               {"muscles", *options.muscles},
               {"rows", outcome.all.residual.size()},
-              {"rms_n", fitted ? json(fit.rms) : json()},
-              {"span_n", fitted ? json(outcome.all.span) : json()},
-              {"loop_n", toJson(outcome.all.loop)},
+              {"rms_n", valueIf(fitted, fit.rms)},
+              {"span_n", valueIf(fitted, outcome.all.span)},
+              {"loop_n", outcome.all.loop},
               {"held_out",
-               {{"rms_n", fitted ? json(fit.held_out_rms) : json()},
+               {{"rms_n", valueIf(fitted, fit.held_out_rms)},
                 {"parts", listJson(fit.held_out,
                                    [](const auto& part) -> json {
                                      return {{"part", part.first}, {"rms_n", part.second}};
@@ -400,11 +386,10 @@ int runStand(const CalibrateOptions& options, const GlobalOptions& global, const
               {"curve", curve},
               {"out", fitted ? textOrNull(options.out) : json()}};
   const json shown = options.verbose ? report : without(report, {"parts"});
-  printResult(global.format, report, shown, [&] {
-    printComments(report, {"rms_n", "span_n", "loop_n"});
-    return CsvTable(curve,
-                    {"pressure_pa", "length_m", "length_error_m", "K_eps_n", "K_eps_error_n"});
-  });
+  printResult(global.format, report, shown,
+              Csv{{"pressure_pa", "length_m", "length_error_m", "K_eps_n", "K_eps_error_n"},
+                  "curve",
+                  {"rms_n", "span_n", "loop_n", "reason"}});
   return fitted ? kDone : kNotPossible;
 }
 
@@ -433,7 +418,7 @@ int run(const CalibrateOptions& options, const GlobalOptions& global) {
   }
   const json report = reportOf(scene, outcome, options);
   printResult(global.format, report, shownOf(outcome, report, options.verbose),
-              [&outcome] { return csvTable(outcome); });
+              [&outcome](std::ostream& out) { printParameters(outcome, out); });
   return outcome.success ? kDone : kNotPossible;
 }
 
@@ -471,12 +456,12 @@ void addCurveOptions(CLI::App& command, CalibrateOptions& options) {
 
 }  // namespace
 
-Subcommand addCalibrate(CLI::App& app) {
-  CLI::App* command = app.add_subcommand("calibrate", "fit a scene to measurements");
-  const auto options = std::make_shared<CalibrateOptions>();
-  addScene(*command, "SCENE", options->scene, "scene file")->required();
+void addCalibrate(Commands& commands) {
+  auto [command, options] =
+      commands.add<CalibrateOptions>("calibrate", "fit a scene to measurements", run);
+  addScene(command, options.scene);
   addOption(
-      *command, "DATA", options->data,
+      command, "DATA", options.data,
       "data sets (# comments, a header that names units, rows) of curvatures (pressure_1_kpa "
       ".., curvature_rad), tag poses (capture, pressure_1_kpa .., tag, x_m .. qw), tag "
       "corners (capture, pressure_1_kpa .., tag, x1_px, y1_px .. y4_px), free lengths "
@@ -490,26 +475,26 @@ Subcommand addCalibrate(CLI::App& app) {
       "(time_s, NAME_x_m .. NAME_qw, or exports of Motive or Vicon): each time the arm is at rest "
       "is one capture",
       kRequired);
-  addOption(*command, "--fit", options->fit,
+  addOption(command, "--fit", options.fit,
             "parameters to fit, comma list of " + estimation::fitWordsText() + "; default " +
                 estimation::wordOf(estimation::kDefaultFitGroup));
-  addOption(*command, "--out", options->out, "scene file to write, completely or not at all");
-  addOption(*command, "--also", options->also,
+  addOption(command, "--out", options.out, "scene file to write, completely or not at all");
+  addOption(command, "--also", options.also,
             "another arm with the same stiffness, as SCENE,DATA.csv; --set does not apply to it; "
             "repeatable")
       ->allow_extra_args(false);
-  addPressures(*command, options->pressures);
-  addCurveOptions(*command, *options);
+  addPressures(command, options.pressures);
+  addCurveOptions(command, options);
   addOption(
-      *command, "--rest-offset-mm", options->rest_offset_mm,
+      command, "--rest-offset-mm", options.rest_offset_mm,
       "expected standard deviation of the tip's offset from trial to trial, per axis [mm], of "
       "a series; 0: none",
       kShowDefault);
-  addOption(*command, "--curvature-noise-rad", options->request.curvature_noise,
+  addOption(command, "--curvature-noise-rad", options.request.curvature_noise,
             "expected standard deviation of a curvature [rad], default 0.02; that of tags is the "
             "scene's, vision.*");
-  addVerdictOptions(*command, *options);
-  command->footer(
+  addVerdictOptions(command, options);
+  command.footer(
       R"(json: tip_error_before_m and tip_error_after_m (median over the captures with tags),
 parameters {name: {value, standard_error, identifiable, initial, unit}},
 combinations [{name, value, relative_error, identifiable, exponents}] of stiffness,
@@ -526,7 +511,6 @@ hysteresis loop, in force), held_out {rms_n, parts [{part, rms_n}]} (each data s
 by a fit to the others; of a single one, each tenth), curve [{pressure_pa, length_m (free),
 length_error_m, K_eps_n (of one muscle), K_eps_error_n}], rows, contraction, out, reason.
 csv: one row per pressure of the curve.)");
-  return {command, [options](const GlobalOptions& global) { return run(*options, global); }};
 }
 
 }  // namespace helix_arm::cli

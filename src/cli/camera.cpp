@@ -1,33 +1,22 @@
 #include <algorithm>
 #include <chrono>
-#include <cmath>
-#include <functional>
 #include <iostream>
-#include <memory>
-#include <optional>
-#include <string>
 #include <thread>
-#include <vector>
 
-#include "arguments.hpp"
 #include "command.hpp"
 #include "helix_arm/basics/pi.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/calibrated_scene.hpp"
-#include "helix_arm/io/scene.hpp"
 #include "helix_arm/procedures/camera_placing.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
 #include "helix_arm/vision/camera_calibration.hpp"
 #include "helix_arm/vision/frame_source.hpp"
-#include "nlohmann/json.hpp"
-#include "output.hpp"
 
 namespace helix_arm::cli {
 
 namespace {
 
-using nlohmann::json;
 using procedures::CameraPlacing;
 using regulator::steadyNow;
 using vision::CalibratedView;
@@ -79,13 +68,13 @@ struct PicturesRead {
 struct CameraArguments {
   std::string scene;  // calibrate: empty for none
   CameraSource source;
-  std::string out;                  // empty: nothing is written
-  BoardArguments board;             // calibrate
-  std::string device, size;         // calibrate: of a webcam without scene
-  std::optional<int> focus;         // calibrate: likewise
-  int coefficients = 5;             // calibrate
-  int views = 25;                   // calibrate: of a webcam or a video
-  std::string pressure_kpa, input;  // place
+  std::string out;           // empty: nothing is written
+  BoardArguments board;      // calibrate
+  std::string device, size;  // calibrate: of a webcam without scene
+  std::optional<int> focus;  // calibrate: likewise
+  int coefficients = 5;      // calibrate
+  int views = 25;            // calibrate: of a webcam or a video
+  InputArguments input;      // place
 };
 
 // Gets each picture and whether it follows the last one in time; returns false if it wants no more.
@@ -283,28 +272,34 @@ struct Calibrated {
   std::string out;
 };
 
+json parameterJson(const CameraParameter& one) {
+  return {{"name", one.name},
+          {"value", one.value},
+          {"standard_error", one.standard_error},
+          {"unit", one.unit}};
+}
+
 json reportOf(const Calibrated& result) {
   const CameraCalibration& calibration = result.calibration;
   const bool charuco = std::holds_alternative<vision::CharucoBoard>(result.board);
   json parameters = json::object();
   for (const CameraParameter& one : calibration.parameters) {
-    parameters[one.name] = {
-        {"value", one.value}, {"standard_error", one.standard_error}, {"unit", one.unit}};
+    parameters[one.name] = without(parameterJson(one), {"name"});
   }
   const json views = listJson(calibration.views, [charuco](const CalibratedView& view) -> json {
     const bool fitted = view.distance > 0;
     return {{"file", view.name},
-            {"tags", charuco ? json() : json(view.parts)},
+            {"tags", valueIf(!charuco, view.parts)},
             {"corners", view.corners},
             {"used", view.used},
             {"reason", textOrNull(view.reason)},
-            {"rms_px", fitted ? json(view.rms) : json()},
-            {"distance_m", fitted ? json(view.distance) : json()},
-            {"tilt_deg", fitted ? json(kDegrees * view.tilt) : json()}};
+            {"rms_px", valueIf(fitted, view.rms)},
+            {"distance_m", valueIf(fitted, view.distance)},
+            {"tilt_deg", valueIf(fitted, kDegrees * view.tilt)}};
   });
   return {{"scene", result.scene ? json(result.scene->name) : json()},
           {"board", charuco ? "charuco" : "tags"},
-          {"charuco", charuco ? boardJson(result.board) : json()},
+          {"charuco", valueIf(charuco, boardJson(result.board))},
           {"success", calibration.success},
           {"reason", textOrNull(calibration.reason)},
           {"size_px", {result.size.width, result.size.height}},
@@ -318,17 +313,6 @@ json reportOf(const Calibrated& result) {
           {"views", views},
           {"warnings", calibration.warnings},
           {"out", textOrNull(result.out)}};
-}
-
-CsvTable parameterTable(const CameraCalibration& calibration) {
-  CsvTable table;
-  for (const CameraParameter& one : calibration.parameters) {
-    table.add({{"parameter", one.name},
-               {"value", exact(one.value)},
-               {"standard_error", exact(one.standard_error)},
-               {"unit", one.unit}});
-  }
-  return table;
 }
 
 int calibrateCameraOf(const CameraArguments& arguments, const GlobalOptions& global) {
@@ -367,8 +351,10 @@ int calibrateCameraOf(const CameraArguments& arguments, const GlobalOptions& glo
                                  : io::cameraInfoText(camera, "camera"));
   }
   const json report = reportOf(result);
-  printResult(global.format, report, report,
-              [&result] { return parameterTable(result.calibration); });
+  printResult(global.format, report, report, [&result](std::ostream& out) {
+    CsvTable table(out, {{"name", "parameter"}, "value", "standard_error", "unit"});
+    for (const CameraParameter& one : result.calibration.parameters) table.add(parameterJson(one));
+  });
   if (!result.calibration.success && global.format == Format::kCsv) {
     std::cerr << result.calibration.reason << "\n";
   }
@@ -380,8 +366,6 @@ struct Placed {
   PicturesRead read;
   CameraPlacing placing;
   std::string out;
-
-  Eigen::VectorXd errors() const { return placing.covariance.diagonal().cwiseMax(0).cwiseSqrt(); }
 };
 
 json reportOf(const Placed& result) {
@@ -393,7 +377,7 @@ json reportOf(const Placed& result) {
   json out{{"scene", result.scene.name},           {"success", placing.success},
            {"reason", textOrNull(placing.reason)}, {"pictures", result.read.pictures},
            {"faults", result.read.faults},         {"tags", tags},
-           {"outlier_tags", placing.outliers},     {"suspects", suspectsJson(placing.suspects)},
+           {"outlier_tags", placing.outliers},     {"suspects", placing.suspects},
            {"warnings", placing.warnings},         {"out", textOrNull(result.out)}};
   for (const char* key : {"position_m", "rpy_deg", "pose", "standard_error", "covariance",
                           "moved_m", "turned_rad", "bleed_m", "rms_px", "shape_deviations"}) {
@@ -401,13 +385,12 @@ json reportOf(const Placed& result) {
   }
   if (!placing.success) return out;
   const io::CameraPlace place = io::cameraPlaceOf(placing.X_WC);
-  const Eigen::VectorXd errors = result.errors();
-  out["position_m"] = toJson(place.position);
-  out["rpy_deg"] = toJson(place.rpy_deg);
-  out["pose"] = toJson(placing.X_WC);
-  out["standard_error"] = {{"position_m", toJson(errors.head(3))},
-                           {"rotation_rad", toJson(errors.tail(3))}};
-  out["covariance"] = rowsJson(placing.covariance);
+  const Eigen::VectorXd errors = placing.covariance.diagonal().cwiseMax(0).cwiseSqrt();
+  out["position_m"] = place.position;
+  out["rpy_deg"] = place.rpy_deg;
+  out["pose"] = placing.X_WC;
+  out["standard_error"] = {{"position_m", errors.head(3)}, {"rotation_rad", errors.tail(3)}};
+  out["covariance"] = placing.covariance;
   out["moved_m"] = placing.moved;
   out["turned_rad"] = placing.turned;
   out["bleed_m"] = placing.fit.border_shift;
@@ -416,24 +399,18 @@ json reportOf(const Placed& result) {
   return out;
 }
 
-CsvTable placeTable(const Placed& result) {
-  if (!result.placing.success) {
-    std::cerr << result.placing.reason << "\n";
-    return {};
+void printPlace(json report, std::ostream& out) {
+  if (report["position_m"].is_null()) return;
+  const char* const angles[] = {"roll_deg", "pitch_deg", "yaw_deg"};
+  Columns columns{"scene", {"position_m", "position_@_m"}};
+  for (std::size_t i = 0; i < 3; ++i) {
+    report[angles[i]] = report["rpy_deg"][i];
+    columns.push_back(angles[i]);
   }
-  const io::CameraPlace place = io::cameraPlaceOf(result.placing.X_WC);
-  const Eigen::VectorXd errors = result.errors();
-  CsvTable::Row row{{"scene", result.scene.name}};
-  const auto add = [&row](const std::vector<const char*>& names, const Eigen::Vector3d& values) {
-    for (int i = 0; i < 3; ++i)
-      row.emplace_back(names[static_cast<std::size_t>(i)], exact(values[i]));
-  };
-  add({"position_x_m", "position_y_m", "position_z_m"}, place.position);
-  add({"roll_deg", "pitch_deg", "yaw_deg"}, place.rpy_deg);
-  add({"error_x_m", "error_y_m", "error_z_m"}, errors.head(3));
-  add({"error_about_x_rad", "error_about_y_rad", "error_about_z_rad"}, errors.tail(3));
-  row.emplace_back("rms_px", exact(result.placing.fit.rms));
-  return row;
+  columns.emplace_back("standard_error/position_m", "error_@_m");
+  columns.emplace_back("standard_error/rotation_rad", "error_about_@_rad");
+  columns.push_back("rms_px");
+  printCsv(report, {columns}, out);
 }
 
 CameraSource sourceOf(const CameraArguments& arguments, const io::Scene& scene) {
@@ -453,8 +430,7 @@ int placeCameraOf(const CameraArguments& arguments, const GlobalOptions& global)
            scene.camera ? "tags" : "camera",
            "; expected a scene with the sections camera and tags");
   if (!arguments.out.empty()) requireYaml(arguments.out);
-  const statics::Solution model =
-      scene.model.solve(inputsOrRest(scene, arguments.pressure_kpa, arguments.input));
+  const statics::Solution model = scene.model.solve(inputsOrRest(scene, arguments.input));
   refuseIf(!model.converged(), "no shape of scene ", scene.name,
            " balances its load at these pressures; take the pictures at others, and "
            "give them with --pressure-kpa");
@@ -481,49 +457,53 @@ int placeCameraOf(const CameraArguments& arguments, const GlobalOptions& global)
   }
   const json report = reportOf(result);
   printResult(global.format, report, without(report, {"pose", "suspects"}),
-              [&result] { return placeTable(result); });
+              [&report](std::ostream& out) { printPlace(report, out); });
+  if (!result.placing.success && global.format == Format::kCsv) {
+    std::cerr << result.placing.reason << "\n";
+  }
   return result.placing.success ? kDone : kNotPossible;
 }
 
-void addSource(CLI::App* action, CameraArguments& arguments) {
-  addOption(*action, "--source", arguments.source.sources,
+void addSource(CLI::App& command, CameraArguments& arguments) {
+  addOption(command, "--source", arguments.source.sources,
             "webcam, or pictures, folders of pictures and videos", kRequired)
       ->expected(1, -1)
       ->type_name("webcam|FILES");
-  addOption(*action, "--seconds", arguments.source.seconds,
+  addOption(command, "--seconds", arguments.source.seconds,
             "longest time to look through a webcam [s], default 120", TypeName{"S"},
             CLI::Range(0.1, kLongest));
 }
 
-CLI::App* addCalibrateAction(CLI::App& command, CameraArguments& arguments) {
-  CLI::App* calibrate =
-      command.add_subcommand("calibrate",
-                             "intrinsics of a camera from pictures of the board that tags --board "
-                             "prints, or of another ChArUco board");
-  addSource(calibrate, arguments);
-  addBoardOption(*calibrate, arguments.board,
+void addCalibrateCamera(Commands& commands) {
+  auto [command, arguments] =
+      commands.add("calibrate",
+                   "intrinsics of a camera from pictures of the board that tags --board "
+                   "prints, or of another ChArUco board",
+                   calibrateCameraOf);
+  addSource(command, arguments);
+  addBoardOption(command, arguments.board,
                  "tags: AprilTags as helix_arm tags --board prints them; charuco: a ChArUco board, "
                  "as helix_arm tags --board charuco prints it or as the options say");
-  addScene(*calibrate, "--scene", arguments.scene,
-           "scene with a camera: gives its webcam, and with --out gets the intrinsics")
+  addSceneOption(command, "--scene", arguments.scene,
+                 "scene with a camera: gives its webcam, and with --out gets the intrinsics")
       ->type_name("SCENE");
   addOption(
-      *calibrate, "--out", arguments.out,
+      command, "--out", arguments.out,
       "file to write: a camera_info YAML or, with --scene, that scene with the new intrinsics",
       TypeName{"FILE.yaml"});
-  addOption(*calibrate, "--coefficients", arguments.coefficients,
+  addOption(command, "--coefficients", arguments.coefficients,
             "number of coefficients of distortion: 0, 2, 4, 5 or 8", CLI::IsMember({0, 2, 4, 5, 8}),
             kShowDefault);
-  addOption(*calibrate, "--views", arguments.views,
+  addOption(command, "--views", arguments.views,
             "number of views to choose from a webcam or a video", CLI::Range(5, 200), kShowDefault);
-  addOption(*calibrate, "--device", arguments.device,
-            "webcam, default the scene's, else /dev/video0", TypeName{"PATH"});
-  addOption(*calibrate, "--size", arguments.size,
+  addOption(command, "--device", arguments.device, "webcam, default the scene's, else /dev/video0",
+            TypeName{"PATH"});
+  addOption(command, "--size", arguments.size,
             "its picture size [px], default the scene's, else 1280,720", TypeName{"W,H"});
-  addOption(*calibrate, "--focus", arguments.focus,
+  addOption(command, "--focus", arguments.focus,
             "its fixed focus, in the driver's units, default the scene's, else 0",
             CLI::Range(0, 1'000'000));
-  calibrate->footer(
+  command.footer(
       R"(Pictures are all used; of a webcam or a video those in which the board rests at a new
 place. Hold the board close, at the edges and corners, and tilted to each side.
 json: scene (null without), board (tags or charuco), charuco (null, or dictionary,
@@ -534,22 +514,20 @@ from the principal point, relative to the picture's corner), tilted_views, views
 tags (null with charuco), corners, used, reason, rms_px, distance_m, tilt_deg}], warnings, out.
 csv: one row per parameter. Exit code 1 if the views do not determine the camera; the
 reason is in the result, and nothing is written. 130 on Ctrl-C.)");
-  return calibrate;
 }
 
-void addPlaceAction(CLI::App& command, CameraArguments& arguments) {
-  CLI::App* place = command.add_subcommand(
-      "place", "pose of the scene's camera from pictures of the arm at rest");
-  addScene(*place, "SCENE", arguments.scene, "scene file with camera and tags")->required();
-  addSource(place, arguments);
-  addOption(*place, "--out", arguments.out, "scene file to write, with the camera at its place",
+void addPlaceCamera(Commands& commands) {
+  auto [command, arguments] = commands.add(
+      "place", "pose of the scene's camera from pictures of the arm at rest", placeCameraOf);
+  addScene(command, arguments.scene, "scene file with camera and tags");
+  addSource(command, arguments);
+  addOption(command, "--out", arguments.out, "scene file to write, with the camera at its place",
             TypeName{"SCENE2"});
-  addOption(
-      *place, "--pressure-kpa", arguments.pressure_kpa,
-      "gauge pressures at which the arm was seen [kPa], one per actuator: a,b,c; default: at rest");
-  addOption(*place, "--input", arguments.input,
-            "the same in SI units: pressures [Pa], spool angles [rad]");
-  place->footer(
+  addInputOptions(
+      command, arguments.input,
+      "gauge pressures at which the arm was seen [kPa], one per actuator: a,b,c; default: at rest",
+      "the same in SI units: pressures [Pa], spool angles [rad]");
+  command.footer(
       R"(Camera and arm must stand still. The tag nearest to the base counts as exact; the other
 tags are known as well as tags.placement_prior says, the arm's shape to 2 % of its length
 and 0.1 rad per section.
@@ -567,17 +545,11 @@ result, and nothing is written. 130 on Ctrl-C.)");
 
 }  // namespace
 
-Subcommand addCamera(CLI::App& app) {
-  CLI::App* command = app.add_subcommand(
+void addCamera(Commands& commands) {
+  Commands camera = commands.group(
       "camera", "calibrate a camera with a printed board, and place it by the arm's tags");
-  command->require_subcommand(1);
-  const auto arguments = std::make_shared<CameraArguments>();
-  CLI::App* const calibrate = addCalibrateAction(*command, *arguments);
-  addPlaceAction(*command, *arguments);
-  return {command, [arguments, calibrate](const GlobalOptions& global) {
-            return calibrate->parsed() ? calibrateCameraOf(*arguments, global)
-                                       : placeCameraOf(*arguments, global);
-          }};
+  addCalibrateCamera(camera);
+  addPlaceCamera(camera);
 }
 
 }  // namespace helix_arm::cli

@@ -1,19 +1,13 @@
-#include <cmath>
-#include <iostream>
-#include <memory>
 
-#include "arguments.hpp"
 #include "command.hpp"
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/procedures/rig_check.hpp"
 #include "helix_arm/regulator/config.hpp"
 #include "helix_arm/regulator/driver.hpp"
-#include "output.hpp"
 
 namespace helix_arm::cli {
 namespace {
 
-using nlohmann::json;
 using procedures::Finding;
 using procedures::RigCheck;
 using procedures::Severity;
@@ -89,9 +83,9 @@ json visionJson(const std::optional<VisionFigures>& vision) {
           {"least_tags", vision->least_tags},
           {"median_tags", vision->median_tags},
           {"measured", vision->measured},
-          {"median_tip_sd_m", measured ? json(vision->median_tip_sd) : json()},
-          {"worst_tip_sd_m", measured ? json(vision->worst_tip_sd) : json()},
-          {"pixels_per_bit", vision->pixels_per_bit > 0 ? json(vision->pixels_per_bit) : json()}};
+          {"median_tip_sd_m", valueIf(measured, vision->median_tip_sd)},
+          {"worst_tip_sd_m", valueIf(measured, vision->worst_tip_sd)},
+          {"pixels_per_bit", valueIf(vision->pixels_per_bit > 0, vision->pixels_per_bit)}};
 }
 
 json reportOf(const io::Scene& scene, const RigCheck& check, bool probed,
@@ -109,18 +103,8 @@ json reportOf(const io::Scene& scene, const RigCheck& check, bool probed,
           {"sight", visionJson(check.vision)},
           {"probed", probed},
           {"regulator", scene.regulator ? json(regulator::describe(*scene.regulator)) : json()},
-          {"pressures_pa", readings ? readingsJson(readings->pressure) : json()},
-          {"supply_pa", readings ? toJson(supplyOf(*readings)) : json()}};
-}
-
-// The names also where there are no findings.
-void printCsv(const json& findings) {
-  std::cout << "severity,check,culprit,value,remedy\n";
-  for (const json& finding : findings) {
-    CsvTable::Row row = cellsOf(finding, {"severity", "check", "culprit", "value", "remedy"});
-    for (std::size_t i = 2; i < row.size(); ++i) row[i].second = quotedCell(row[i].second);
-    CsvTable::printValues(row, std::cout);
-  }
+          {"pressures_pa", readings ? json(readings->pressure) : json()},
+          {"supply_pa", readings ? json(supplyOf(*readings)) : json()}};
 }
 
 int run(const CheckArguments& arguments, const GlobalOptions& global) {
@@ -131,31 +115,30 @@ int run(const CheckArguments& arguments, const GlobalOptions& global) {
   std::optional<regulator::Pressures> readings;
   if (arguments.probe) readings = ask(scene, check.findings);
   const json report = reportOf(scene, check, arguments.probe, readings);
-  if (global.format == Format::kCsv) {
-    printCsv(report["findings"]);
-  } else {
-    json shown = report;
-    if (scene.regulator && regulator::isHardware(*scene.regulator) && !arguments.probe) {
-      shown["notes"] = {"the regulator was not asked: --probe connects to it, which vents"};
-    }
-    printResult(global.format, report, shown, {});
+  json shown = report;
+  if (scene.regulator && regulator::isHardware(*scene.regulator) && !arguments.probe) {
+    shown["notes"] = {"the regulator was not asked: --probe connects to it, which vents"};
   }
+  const Csv csv{{"severity", "check", "culprit", "value", "remedy"}, "findings"};
+  printResult(global.format, report, shown, [&](std::ostream& out) {
+    if (check.findings.empty()) out << "severity,check,culprit,value,remedy\n";
+    printCsv(report, csv, out);
+  });
   return check.hasFault() ? kNotPossible : kDone;
 }
 
 }  // namespace
 
-Subcommand addCheck(CLI::App& app) {
-  CLI::App* command =
-      app.add_subcommand("check", "look for what keeps a rig from working, before it moves");
-  const auto arguments = std::make_shared<CheckArguments>();
-  addScene(*command, "SCENE", arguments->scene, "scene file")->required();
-  command->add_flag("--probe", arguments->probe,
-                    "also connect to the regulator, which vents, and read it once");
-  addOption(*command, "--samples", arguments->samples,
+void addCheck(Commands& commands) {
+  auto [command, arguments] = commands.add<CheckArguments>(
+      "check", "look for what keeps a rig from working, before it moves", run);
+  addScene(command, arguments.scene);
+  command.add_flag("--probe", arguments.probe,
+                   "also connect to the regulator, which vents, and read it once");
+  addOption(command, "--samples", arguments.samples,
             "number of inputs drawn within the limits, besides their corners",
             CLI::Range(0, 100000), kShowDefault);
-  command->footer(
+  command.footer(
       R"(Nothing moves. Faults of the file itself are reported as by every command (exit code 2).
 json: scene, passed, findings [{severity (fault, warning, note), check, culprit, value,
 remedy}], sight {samples, least_tags, median_tags (in sight, large enough to be read),
@@ -163,7 +146,6 @@ measured (part of the samples), median_tip_sd_m, worst_tip_sd_m, pixels_per_bit 
 of the tags that face the camera exceed)} (null without camera or tags), probed, regulator
 (null without), pressures_pa (null unless it answered), supply_pa (null unless measured).
 csv: one row per finding. Exit code 1 if a fault was found.)");
-  return {command, [arguments](const GlobalOptions& global) { return run(*arguments, global); }};
 }
 
 }  // namespace helix_arm::cli

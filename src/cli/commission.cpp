@@ -1,19 +1,14 @@
-#include <cmath>
-#include <memory>
 
-#include "arguments.hpp"
 #include "bag/bag_captures.hpp"
 #include "command.hpp"
 #include "helix_arm/basics/pi.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/procedures/commissioning.hpp"
 #include "measurements.hpp"
-#include "output.hpp"
 
 namespace helix_arm::cli {
 namespace {
 
-using nlohmann::json;
 using procedures::Commissioning;
 
 struct CommissionOptions {
@@ -24,8 +19,8 @@ struct CommissionOptions {
 
 // Direction about the arm and size of a displacement of the tip; null where it was not seen.
 void addMotion(const std::string& prefix, const Eigen::Vector2d& tip, json& row) {
-  row[prefix + "_deg"] = finite(std::atan2(tip.y(), tip.x()) * 180 / basics::kPi);
-  row[prefix + "_mm"] = finite(1e3 * tip.norm());
+  row[prefix + "_deg"] = std::atan2(tip.y(), tip.x()) * 180 / basics::kPi;
+  row[prefix + "_mm"] = 1e3 * tip.norm();
 }
 
 json nameOrNull(const Commissioning& found, int actuator) {
@@ -57,7 +52,7 @@ json reportOf(const io::Scene& scene, const Commissioning& found) {
           {"channels", channels},
           {"sensors", sensors},
           {"missing_tags", found.missing_tags},
-          {"suspects", suspectsJson(found.suspects)},
+          {"suspects", found.suspects},
           {"out", nullptr}};
 }
 
@@ -70,7 +65,7 @@ int run(const CommissionOptions& options, const GlobalOptions& global) {
     }
     requireYaml(options.out);
   }
-  if (!scene.tags) throw CallerError("scene " + scene.name + " has no tags; add the section tags");
+  refuseIf(!scene.tags, "scene ", scene.name, " has no tags; add the section tags");
   const Eigen::MatrixXd plan = procedures::walkPlan(scene.arm);
   const procedures::CalibrationData data =
       options.data.empty()
@@ -88,35 +83,35 @@ int run(const CommissionOptions& options, const GlobalOptions& global) {
     if (good) io::writeFileAtomically(options.out, correction.scene_text);
     report[good ? "out" : "reason"] = good ? options.out : correction.reason;
   }
-  printResult(global.format, report, without(report, {"suspects", "reason"}), [&report] {
-    return CsvTable(report["channels"], {"actuator", "expected_deg", "seen_deg", "expected_mm",
-                                         "seen_mm", "verdict", "answers_as"});
-  });
+  printResult(global.format, report, without(report, {"suspects", "reason"}),
+              Csv{{"actuator", "expected_deg", "seen_deg", "expected_mm", "seen_mm", "verdict",
+                   "answers_as"},
+                  "channels"});
   return good ? kDone : kNotPossible;
 }
 
 }  // namespace
 
-Subcommand addCommission(CLI::App& app) {
-  CLI::App* command = app.add_subcommand(
+void addCommission(Commands& commands) {
+  auto [command, options] = commands.add<CommissionOptions>(
       "commission",
       "walk through the muscles one at a time: is every hose, sensor and tag where "
-      "the scene says?");
-  const auto options = std::make_shared<CommissionOptions>();
-  addScene(*command, "SCENE", options->scene, "scene file")->required();
-  addScene(*command, "--rig", options->rig,
-           "scene of the simulated rig that walks; default: SCENE");
-  addOption(*command, "--data", options->data,
+      "the scene says?",
+      run);
+  addScene(command, options.scene);
+  addSceneOption(command, "--rig", options.rig,
+                 "scene of the simulated rig that walks; default: SCENE");
+  addOption(command, "--data", options.data,
             "instead of the simulated rig's, the captures of a walk: tag "
             "corners or tag poses of each step, in their order");
-  addOption(*command, "--out", options->out,
+  addOption(command, "--out", options.out,
             "scene file to write without the mistake that is found, where a scene can say it");
-  addOption(*command, "--apply-suspect", options->suspect,
+  addOption(command, "--apply-suspect", options.suspect,
             "the suspect of the result that --out corrects, counted from 1; default: channels that "
             "answer as others, else the first suspect");
-  addOption(*command, "--seed", options->seed, "seed of all noise of the simulated rig",
+  addOption(command, "--seed", options.seed, "seed of all noise of the simulated rig",
             kShowDefault);
-  command->footer(
+  command.footer(
       R"(The walk: rest, each actuator alone at 15 % and 30 % of its range, neighbours together at
 30 %, rest. On a rig, run_calibration with walk: true does it; nothing is changed.
 json: scene, good, reason (the leading finding, or why --out is not written), findings,
@@ -126,7 +121,6 @@ other_direction, unseen), answers_as}], sensors [{actuator, gain, offset_kpa, ve
 no_reading, reads_as, gain, offset), reads_as}] of measured beside commanded pressures,
 missing_tags (ids never seen), suspects as of calibrate, out. csv: one row per channel.
 Exit code 1 unless all is where the scene says, or --out was written.)");
-  return {command, [options](const GlobalOptions& global) { return run(*options, global); }};
 }
 
 }  // namespace helix_arm::cli

@@ -1,17 +1,11 @@
-#include <cmath>
 #include <iostream>
-#include <memory>
 #include <sstream>
-#include <string>
-#include <vector>
 
-#include "arguments.hpp"
 #include "command.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/number.hpp"
-#include "helix_arm/io/scene.hpp"
 #include "helix_arm/io/tip_path_file.hpp"
 #include "helix_arm/procedures/budget_table.hpp"
 #include "helix_arm/procedures/calibration_job.hpp"
@@ -19,14 +13,11 @@
 #include "helix_arm/procedures/follow_run.hpp"
 #include "helix_arm/procedures/loop_config.hpp"
 #include "helix_arm/procedures/report_plot.hpp"
-#include "nlohmann/json.hpp"
-#include "output.hpp"
 
 namespace helix_arm::cli {
 
 namespace {
 
-using nlohmann::json;
 using procedures::FollowPlan;
 using procedures::FollowResult;
 using procedures::FollowRow;
@@ -56,47 +47,27 @@ json alarmsJson(const FollowResult& result) {
   return listJson(result.alarms, [](const procedures::FollowAlarm& alarm) -> json {
     return {{"time_s", alarm.time},
             {"onset_s", alarm.onset},
-            {alarm.normalised ? "force_per_K_eps" : "force_n", toJson(alarm.force)},
-            {"covariance", rowsJson(alarm.covariance)}};
+            {alarm.normalised ? "force_per_K_eps" : "force_n", alarm.force},
+            {"covariance", alarm.covariance}};
   });
 }
 
 json spreadJson(const char* name, const estimation::TipSpread& spread) {
-  return {
-      {"name", name}, {"sd_m", spread.deviation()}, {"covariance_m2", rowsJson(spread.covariance)}};
+  return {{"name", name}, {"sd_m", spread.deviation()}, {"covariance_m2", spread.covariance}};
 }
 
 json budgetJson(const std::optional<estimation::TipErrorBudget>& budget) {
   if (!budget) return nullptr;
-  json parts = json::array();
+  json parts;
   for (int i = 0; i < estimation::kBudgetPartCount; ++i) {
     const auto part = static_cast<estimation::BudgetPart>(i);
     parts.push_back(spreadJson(nameOf(part), budget->part(part)));
   }
   parts.push_back(spreadJson("predicted", budget->predicted));
   parts.push_back(spreadJson("open_loop", budget->open_loop));
-  return {{"time_s", budget->time},           {"parts", parts},
-          {"error_m", toJson(budget->error)}, {"distance2", budget->distance2},
-          {"limit", budget->limit},           {"state", nameOf(budget->state)}};
-}
-
-void appendPosition(const std::string& prefix, const std::optional<Eigen::Vector3d>& position,
-                    CsvTable::Row& row) {
-  for (const auto& [name, axis] : {std::pair{"x_m", 0}, {"y_m", 1}, {"z_m", 2}}) {
-    row.emplace_back(prefix + name, position ? exact((*position)[axis]) : std::string());
-  }
-}
-
-CsvTable::Row rowOf(const FollowRow& row, const model::Arm& arm) {
-  CsvTable::Row cells{{"time_s", exact(row.time)}};
-  appendPosition("wanted_", row.wanted, cells);
-  appendPosition("true_", row.true_tip, cells);
-  cells.emplace_back("measured_time_s", row.measured ? exact(row.measured_time) : std::string());
-  appendPosition("measured_", row.measured, cells);
-  appendPosition("predicted_", row.predicted, cells);
-  appendInputs(arm, row.pressure, cells);
-  cells.emplace_back("state", nameOf(row.state));
-  return cells;
+  return {{"time_s", budget->time},   {"parts", parts},
+          {"error_m", budget->error}, {"distance2", budget->distance2},
+          {"limit", budget->limit},   {"state", nameOf(budget->state)}};
 }
 
 std::string millimetres(double metres) { return basics::format("%.2f mm", 1e3 * metres); }
@@ -134,7 +105,7 @@ json runJson(const char* name, const FollowPlan& plan, const FollowResult& resul
   json times = json::array(), tips = json::array(), errors = json::array();
   for (const FollowRow* row : drawnRows(plan, result)) {
     times.push_back(row->time);
-    tips.push_back(toJson(row->true_tip));
+    tips.push_back(row->true_tip);
     errors.push_back((row->true_tip - *row->wanted).norm());
   }
   const std::string figure = summary(result.figures);
@@ -180,11 +151,10 @@ double secondsOf(const FollowReport& report) {
 
 json reportOf(const FollowReport& report) {
   const procedures::FollowFigures& figures = report.result.figures;
-  json states = json::array(), settle = json::array();
-  for (const procedures::FollowState& change : report.result.states) {
-    states.push_back({{"time_s", change.time}, {"state", nameOf(change.state)}});
-  }
-  for (const std::optional<double>& time : figures.settle) settle.push_back(toJson(time));
+  const json states =
+      listJson(report.result.states, [](const procedures::FollowState& change) -> json {
+        return {{"time_s", change.time}, {"state", nameOf(change.state)}};
+      });
   json out{{"scene", report.scene.name},
            {"rig", textOrNull(report.rig)},
            {"plant", textOrNull(report.plan.plant)},
@@ -194,21 +164,19 @@ json reportOf(const FollowReport& report) {
            {"seconds", secondsOf(report)},
            {"pictures", report.result.pictures},
            {"reason", textOrNull(reasonOf(report))},
-           {"path_rms_m", toJson(figures.path_rms)},
-           {"path_max_m", toJson(figures.path_max)},
-           {"last_turn_rms_m", toJson(figures.last_turn_rms)},
+           {"path_rms_m", figures.path_rms},
+           {"path_max_m", figures.path_max},
+           {"last_turn_rms_m", figures.last_turn_rms},
            {"steady_rms_m", figures.steady_rms},
-           {"settle_s", settle},
+           {"settle_s", figures.settle},
            {"unreachable", figures.unreachable},
            {"limit", listJson(figures.limits,
                               [&](const auto& limits) {
-                                return limits.empty()
-                                           ? json()
-                                           : textOrNull(limitsText(report.scene.arm, limits));
+                                return textOrNull(limitsText(report.scene.arm, limits));
                               })},
            {"states", states},
            {"alarms", alarmsJson(report.result)},
-           {"suspects", suspectsJson(report.result.suspects)},
+           {"suspects", report.result.suspects},
            {"base_moved", movedJson(report.result.moved)},
            {"uncalibrated_tags", report.result.uncalibrated_tags},
            {"contact_blind_s", report.result.contact_blind},
@@ -231,9 +199,26 @@ std::string csvOf(const FollowReport& report) {
       << ", seed " << report.plan.seed
       << ". Tips seen from the arm's base. A measured tip is in the\n# row in which it became "
          "known; measured_time_s is the time of its picture.\n";
-  CsvTable table;
-  for (const FollowRow& row : report.result.rows) table.add(rowOf(row, report.scene.arm));
-  table.print(out);
+  CsvTable table(out,
+                 {"time_s",
+                  {"wanted", "wanted_@_m"},
+                  {"true", "true_@_m"},
+                  "measured_time_s",
+                  {"measured", "measured_@_m"},
+                  {"predicted", "predicted_@_m"},
+                  "inputs",
+                  "state"},
+                 &report.scene.arm);
+  for (const FollowRow& row : report.result.rows) {
+    table.add({{"time_s", row.time},
+               {"wanted", row.wanted},
+               {"true", row.true_tip},
+               {"measured_time_s", valueIf(row.measured.has_value(), row.measured_time)},
+               {"measured", row.measured},
+               {"predicted", row.predicted},
+               {"pressure_pa", row.pressure},
+               {"state", nameOf(row.state)}});
+  }
   return out.str();
 }
 
@@ -262,7 +247,7 @@ json shownOf(const FollowReport& report, json shown) {
 // @param open  the same run with the loop open; null to draw the run alone.
 json plotOf(const FollowReport& report, const FollowResult* open) {
   const json wanted = listJson(drawnRows(report.plan, report.result),
-                               [](const FollowRow* row) { return toJson(*row->wanted); });
+                               [](const FollowRow* row) { return *row->wanted; });
   json runs = json::array();
   if (open != nullptr) runs.push_back(runJson("open loop", report.plan, *open));
   runs.push_back(
@@ -355,19 +340,7 @@ FollowPlan planOf(const FollowArguments& arguments, const io::Scene& scene) {
   return plan;
 }
 
-// Prints the progress on stderr, every 10 %. Returns false once interrupted.
-std::function<bool(double)> progressOf(const FollowPlan& plan, const std::string& what) {
-  return [seconds = plan.seconds, what, tenths = 0](double time) mutable {
-    const int reached = static_cast<int>(10 * time / seconds);
-    if (reached > tenths) {
-      tenths = reached;
-      std::cerr << what << ": " << time << " of " << seconds << " s\n";
-    }
-    return !interrupted();
-  };
-}
-
-int run(const FollowArguments& arguments, const GlobalOptions& global) {
+int follow(const FollowArguments& arguments, const GlobalOptions& global) {
   io::Scene scene = loadScene(arguments.scene, global);
   if (!arguments.prefer.empty()) {
     scene.follow.preference = statics::preferenceOf(arguments.prefer);
@@ -380,16 +353,19 @@ int run(const FollowArguments& arguments, const GlobalOptions& global) {
   if (!warning.empty()) std::cerr << warning << "\n";
 
   const InterruptWatch watch;
-  const char* const what = plan.open ? "open loop" : "closed loop";
-  const FollowResult result = procedures::runFollow(scene, rig, plan, progressOf(plan, what));
+  const auto runOf = [&](const FollowPlan& run, const char* what) {
+    Progress progress(what, run.seconds, " s");
+    return procedures::runFollow(scene, rig, run,
+                                 [&](double time) { return progress.reached(time); });
+  };
+  const FollowResult result = runOf(plan, plan.open ? "open loop" : "closed loop");
   FollowReport report{scene, arguments.rig, plan, result, arguments.out, arguments.png, {}};
   if (plan.ignore_contacts) report.proof = procedures::contactProof(scene, result.quiet);
   std::optional<FollowResult> open;
   if (!arguments.png.empty() && !plan.open && !interrupted()) {
     FollowPlan beside = plan;
     beside.open = true;
-    open =
-        procedures::runFollow(scene, rig, beside, progressOf(plan, "open loop, for the picture"));
+    open = runOf(beside, "open loop, for the picture");
   }
   if (interrupted()) {
     std::cerr << "interrupted; nothing was written\n";
@@ -406,12 +382,9 @@ int run(const FollowArguments& arguments, const GlobalOptions& global) {
     procedures::drawReport(plotOf(report, open ? &*open : nullptr).dump(), arguments.png,
                            "leave out --png");
   }
-  if (global.format == Format::kCsv) {
-    std::cout << csvOf(report);
-  } else {
-    const json tree = reportOf(report);
-    printResult(global.format, tree, shownOf(report, tree), {});
-  }
+  const json tree = reportOf(report);
+  printResult(global.format, tree, shownOf(report, tree),
+              [&report](std::ostream& out) { out << csvOf(report); });
   for (const std::string& text : procedures::textsOf(result.suspects)) std::cerr << text << "\n";
   if (!result.uncalibrated_tags.empty()) {
     std::cerr << procedures::uncalibratedText(result.uncalibrated_tags) << "\n";
@@ -424,11 +397,11 @@ int run(const FollowArguments& arguments, const GlobalOptions& global) {
   return failureOf(plan, result).empty() ? kDone : kNotPossible;
 }
 
-int runOnPlant(const FollowArguments& arguments, const GlobalOptions& global) {
+int run(const FollowArguments& arguments, const GlobalOptions& global) {
   try {
     FollowArguments checked = arguments;
     check(checked);
-    return run(checked, global);
+    return follow(checked, global);
   } catch (const simulation::PlantError& error) {
     std::cerr << basics::printable(error.what()) << "\n";
     return kNotPossible;
@@ -437,11 +410,11 @@ int runOnPlant(const FollowArguments& arguments, const GlobalOptions& global) {
 
 // Options for the arm and its goal.
 void addGoal(CLI::App& command, FollowArguments& arguments) {
-  addScene(command, "SCENE", arguments.scene, "scene file with camera, tags and pressures")
-      ->required();
-  addScene(command, "--rig", arguments.rig,
-           "scene file of the rig, if it is another one (true arm, regulator, camera and tags; "
-           "--set does not apply to it)")
+  addScene(command, arguments.scene, "scene file with camera, tags and pressures");
+  addSceneOption(
+      command, "--rig", arguments.rig,
+      "scene file of the rig, if it is another one (true arm, regulator, camera and tags; "
+      "--set does not apply to it)")
       ->type_name("FILE");
   addOption(command, "--plant", arguments.plan.plant,
             "command that simulates the true arm in place of the rig's: docs/closed_loop.md",
@@ -465,29 +438,28 @@ void addGoal(CLI::App& command, FollowArguments& arguments) {
 
 }  // namespace
 
-Subcommand addFollow(CLI::App& app) {
-  CLI::App* command = app.add_subcommand(
-      "follow", "the simulated arm follows tips or a path, with the loop closed over vision");
-  const auto arguments = std::make_shared<FollowArguments>();
-  addGoal(*command, *arguments);
-  addOption(*command, "--sight", arguments->vision,
+void addFollow(Commands& commands) {
+  auto [command, arguments] = commands.add<FollowArguments>(
+      "follow", "the simulated arm follows tips or a path, with the loop closed over vision", run);
+  addGoal(command, arguments);
+  addOption(command, "--sight", arguments.vision,
             "corners (of the visible tags, with 0.3 px of noise; fast) or rendered (pictures, in "
             "which the tags are detected)",
             CLI::IsMember({"corners", "rendered"}), kShowDefault);
-  addOption(*command, "--force", arguments->force,
+  addOption(command, "--force", arguments.force,
             "force on the true tip from a time on, seen from the base [s, N]: t,x,y,z");
-  addOption(*command, "--blind", arguments->blind, "interval without pictures [s]: from,to");
-  addOption(*command, "--latency-s", arguments->plan.latency,
+  addOption(command, "--blind", arguments.blind, "interval without pictures [s]: from,to");
+  addOption(command, "--latency-s", arguments.plan.latency,
             "time from a picture to its measurement [s]", TypeName{"S"}, within(kLatency),
             kShowDefault);
-  addOption(*command, "--seed", arguments->plan.seed, "seed of all noise", kShowDefault);
-  addOption(*command, "--out", arguments->out,
+  addOption(command, "--seed", arguments.plan.seed, "seed of all noise", kShowDefault);
+  addOption(command, "--out", arguments.out,
             "CSV file to write: one row per step of 10 ms; of --prove-contact: the scene file",
             TypeName{"FILE"});
-  addOption(*command, "--png", arguments->png,
+  addOption(command, "--png", arguments.png,
             "picture file: wanted tip, true tip with the loop closed and open, errors",
             TypeName{"FILE"});
-  command->footer(
+  command.footer(
       R"(The rig of the scene (keys simulation, regulator, safety) in one thread with a simulated
 time: the same call gives the same figures on any machine. Rules of the loop: key follow.
 Errors are those of the true tip against the wanted one.
@@ -518,8 +490,6 @@ standard deviations of the tip in mm.
 Files appear only when they are complete. Ctrl-C: nothing is written, exit code 130. Exit
 code 1 if the time ends before the path begins, no picture is used although the loop is closed,
 the safety core vents the arm, or the plant fails.)");
-  return {command,
-          [arguments](const GlobalOptions& global) { return runOnPlant(*arguments, global); }};
 }
 
 }  // namespace helix_arm::cli

@@ -2,23 +2,17 @@
 // (inverse).
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <cmath>
-#include <memory>
 
-#include "arguments.hpp"
 #include "command.hpp"
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/clearance/sweep.hpp"
 #include "helix_arm/lie/se2.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/statics/inverse.hpp"
 #include "measurements.hpp"
-#include "output.hpp"
 
 namespace helix_arm::cli {
 namespace {
 
-using nlohmann::json;
 using statics::InverseResult;
 using statics::InverseStatus;
 using statics::Limit;
@@ -30,28 +24,19 @@ void addNote(const model::Arm& arm, json& shown) {
   if (!note.empty()) shown["notes"] = {note + "; --history follows measured pressures"};
 }
 
-// Zones that the arm keeps out of, beside a result.
-struct ZoneAnswer {
-  clearance::Clearance clearance;
-  std::string name;
-  std::optional<clearance::Blocked> blocked = {};  // the way there
-};
+using Zones = std::optional<clearance::SweepCheck>;
 
-std::optional<clearance::SweepCheck> zonesOf(const io::Scene& scene,
-                                             const statics::ArmModel& model) {
+Zones zonesOf(const io::Scene& scene, const statics::ArmModel& model) {
   if (!scene.keep_out) return std::nullopt;
   return clearance::SweepCheck(model, *scene.keep_out);
 }
 
-ZoneAnswer zoneAt(const clearance::SweepCheck& check, const model::Shape& shape) {
-  const clearance::Clearance found = check.clearance().of(shape);
-  return {found, check.clearance().nameOf(found.zone)};
-}
-
-void addZone(const std::optional<ZoneAnswer>& zone, json& document) {
-  if (!zone) return;
-  document["clearance_m"] = finite(zone->clearance.distance);
-  document["zone"] = textOrNull(zone->name);
+// Adds the zone that is nearest to a shape.
+void addZone(const Zones& zones, const statics::Solution& solution, json& document) {
+  if (!zones || !solution.converged()) return;
+  const clearance::Clearance found = zones->clearance().of(solution.shape);
+  document["clearance_m"] = found.distance;
+  document["zone"] = textOrNull(zones->clearance().nameOf(found.zone));
 }
 
 // ---- forward ------------------------------------------------------------------------------------
@@ -59,80 +44,26 @@ void addZone(const std::optional<ZoneAnswer>& zone, json& document) {
 constexpr int kMostSamples = 1000000;
 
 struct ForwardOptions {
-  std::string scene, pressure_kpa, input, inputs, history;
+  std::string scene, inputs, history;
+  InputArguments input;
   TierArguments tier;
   int samples = 0;
 };
 
-// One row of a history.
-struct HistoryRow {
-  std::optional<double> time;
-  Eigen::VectorXd pressure, effective;  // (n)
-  bool known;
-  statics::Tip tip;
-};
-
-struct ForwardResult {
-  statics::TierChoice choice;
-  Eigen::VectorXd inputs, lengths;
-  statics::Solution solution;
-  model::ArmResponse response;  // at the inputs
-  Eigen::VectorXd measured;     // (n) last row of the history, or the inputs
-  int full_rank = lie::SE3::kDof;
-  std::vector<json> sections = {};  // {rank, condition, null_space}
-  std::vector<model::CurvePoint<lie::SE3>> curve = {};
-  std::vector<HistoryRow> rows = {};  // of the history
-  std::optional<ZoneAnswer> zone = {};
-};
-
 template <class Group>
-std::vector<json> sectionsOf(const model::ArmOf<Group>& arm) {
-  std::vector<json> sections;
+json sectionsOf(const model::ArmOf<Group>& arm) {
+  json sections = json::array();
   for (int k = 0; k < arm.sectionCount(); ++k) {
     const auto& equilibrium = arm.equilibrium(k);
     json null_space = json::array();
     for (int j = 0; j < equilibrium.null_space.cols(); ++j) {
-      null_space.push_back(
-          toJson(lie::inSpace(typename Group::Tangent(equilibrium.null_space.col(j)))));
+      null_space.push_back(lie::inSpace(typename Group::Tangent(equilibrium.null_space.col(j))));
     }
     sections.push_back({{"rank", equilibrium.rank},
                         {"condition", equilibrium.condition},
                         {"null_space", null_space}});
   }
   return sections;
-}
-
-ForwardResult forward(const statics::ArmModel& model, const Eigen::VectorXd& inputs, int samples) {
-  const bool planar = model.choice().setting.tier == statics::Tier::kPlanar;
-  ForwardResult result{model.choice(),
-                       inputs,
-                       model.arm().lengths(inputs),
-                       model.solve(inputs),
-                       model::ArmResponse(model.arm()),
-                       inputs};
-  if (planar) result.full_rank = lie::SE2::kDof;
-  result.sections = planar ? sectionsOf(*model.planar()) : sectionsOf(model.arm());
-  if (samples > 0) result.curve = model.curve(inputs, samples);
-  return result;
-}
-
-// The rows in their order; the shape is that at the last one.
-ForwardResult forward(const statics::ArmModel& model, const model::InputHistory& history,
-                      int samples) {
-  model::ArmResponse response(model.arm());
-  std::vector<HistoryRow> rows;
-  for (Eigen::Index k = 0; k < history.rows(); ++k) {
-    response.follow(history, k);
-    const Eigen::VectorXd effective = model.arm().clamped(response.effective());
-    rows.push_back({history.time.empty() ? std::nullopt
-                                         : std::optional(history.time[static_cast<std::size_t>(k)]),
-                    history.input.row(k), effective, response.known(), model.tip(effective)});
-  }
-  ForwardResult result = forward(model, rows.back().effective, samples);
-  result.response = std::move(response);
-  result.measured = rows.back().pressure;
-  result.rows = std::move(rows);
-  return result;
 }
 
 json helixJson(const lie::Vector6& twist) {
@@ -144,206 +75,212 @@ json helixJson(const lie::Vector6& twist) {
   return {{"radius_m", helix.radius}, {"pitch_m", helix.pitch}, {"turns", helix.turns}};
 }
 
-// Columns that a row of csv has besides vectors; tables of many rows build no more of the report.
-json summaryOf(const ForwardResult& result) {
-  const statics::TierSetting& setting = result.choice.setting;
-  int rank = result.full_rank;
-  double condition = 0;
-  for (const json& section : result.sections) {
-    rank = std::min(rank, section["rank"].get<int>());
-    condition = std::max(condition, section["condition"].get<double>());
-  }
-  return {{"tier", statics::nameOf(setting.tier)},
-          {"order", setting.order > 0 ? json(setting.order) : json()},
-          {"tip_error_percent", finite(100 * result.choice.relative_tip_error)},
-          {"status", statics::nameOf(result.solution.status)},
-          {"relative_residual", result.solution.residual},
-          {"iterations", result.solution.iterations},
-          {"rank", rank},
-          {"condition", condition}};
+json curveJson(const model::CurvePoint<lie::SE3>& point) {
+  json entry = point.X;
+  entry["s"] = point.s;
+  return entry;
 }
 
-json reportOf(const io::Scene& scene, const ForwardResult& result) {
-  const model::Twists twists = result.solution.shape.twists();  // means
-  json sections = result.sections;
+// The report of a scene's arm.
+struct Forward {
+  const io::Scene& scene;
+  statics::ArmModel model;
+  int samples = 0;  // of the curve
+  Zones zones = zonesOf(scene, model);
+
+  json at(const Eigen::VectorXd& inputs) const;
+  // The shape is that at the last row. Each row has the `status` of its tip, for csv.
+  json after(const model::InputHistory& history) const;
+
+ private:
+  // At inputs, which are effective pressures.
+  json shapeAt(const Eigen::VectorXd& inputs) const;
+};
+
+json Forward::shapeAt(const Eigen::VectorXd& inputs) const {
+  const statics::TierChoice& choice = model.choice();
+  const statics::TierSetting& setting = choice.setting;
+  const bool planar = setting.tier == statics::Tier::kPlanar;
+  const statics::Solution solution = model.solve(inputs);
+  const model::Twists twists = solution.shape.twists();  // means
+  json sections = planar ? sectionsOf(*model.planar()) : sectionsOf(model.arm());
+  int rank = planar ? lie::SE2::kDof : lie::SE3::kDof;
+  double condition = 0;
   for (std::size_t k = 0; k < sections.size(); ++k) {
+    rank = std::min(rank, sections[k]["rank"].get<int>());
+    condition = std::max(condition, sections[k]["condition"].get<double>());
     const lie::Vector6 twist = twists.col(static_cast<int>(k));
     sections[k].update({{"name", scene.looks[k].name},
                         {"curvature_rad", model::curvatureOf(twist)},
                         {"helix", helixJson(twist)}});
   }
-  const bool converged = result.solution.converged();
-  json document = summaryOf(result);
-  document.update({{"scene", scene.name},
-                   {"tier_reason", result.choice.reason},
-                   {"failure", converged ? json() : json(reasonForNoShape(result.solution.status))},
-                   {"twist", toJson(twists)},
-                   {"tip", toJson(result.solution.tip)},
-                   {"lengths_m", toJson(result.lengths)},
-                   {"full_rank", result.full_rank},
-                   {"sections", sections}});
-  addInputs(scene.arm, result.measured, document);
-  addResponse(scene.arm, result.response, static_cast<Eigen::Index>(result.rows.size()), document);
-  if (!result.rows.empty()) {
-    document["effective_pressure_pa"] = toJson(result.inputs);
-    document["history"] = listJson(result.rows, [](const HistoryRow& row) -> json {
-      return {{"time_s", toJson(row.time)},
-              {"pressure_pa", toJson(row.pressure)},
-              {"effective_pressure_pa", toJson(row.effective)},
-              {"memory_known", row.known},
-              {"tip", row.tip.converged() ? toJson(row.tip.tip) : json()}};
-    });
+  json document{{"scene", scene.name},
+                {"tier", statics::nameOf(setting.tier)},
+                {"tier_reason", choice.reason},
+                {"order", valueIf(setting.order > 0, setting.order)},
+                {"tip_error_percent", 100 * choice.relative_tip_error},
+                {"status", statics::nameOf(solution.status)},
+                {"failure", valueIf(!solution.converged(), reasonForNoShape(solution.status))},
+                {"relative_residual", solution.residual},
+                {"iterations", solution.iterations},
+                {"twist", twists.transpose()},
+                {"tip", solution.tip},
+                {"lengths_m", model.arm().lengths(inputs)},
+                {"rank", rank},
+                {"full_rank", planar ? lie::SE2::kDof : lie::SE3::kDof},
+                {"condition", condition},
+                {"sections", sections}};
+  addZone(zones, solution, document);
+  if (solution.shape.piecesPerSection() > 1) {
+    document["pieces"] = solution.shape.piecesPerSection();
+    document["piece_twist"] = solution.shape.pieces().transpose();
   }
-  addZone(result.zone, document);
-  if (result.solution.shape.piecesPerSection() > 1) {
-    document["pieces"] = result.solution.shape.piecesPerSection();
-    document["piece_twist"] = rowsJson(result.solution.shape.pieces().transpose());
-  }
-  if (!result.curve.empty()) {
-    document["curve"] = listJson(result.curve, [](const auto& point) {
-      json entry = toJson(point.X);
-      entry["s"] = point.s;
-      return entry;
-    });
-  }
+  if (samples > 0) document["curve"] = listJson(model.curve(inputs, samples), curveJson);
   return document;
 }
 
-CsvTable::Row rowOf(const io::Scene& scene, const ForwardResult& result) {
-  const json summary = summaryOf(result);
-  CsvTable::Row row = cellsOf(summary, {"tier", "order", "status"});
-  appendInputs(scene.arm, result.inputs, row);
-  for (int i = 0; i < result.lengths.size(); ++i) {
-    row.emplace_back("length_" + std::to_string(i + 1) + "_m", exact(result.lengths[i]));
-  }
-  appendTwists(toJson(result.solution.shape.twists()), scene.arm.sectionCount(), row);
-  appendPose("tip_", toJson(result.solution.tip), row);
-  for (auto& cell : cellsOf(summary, {"rank", "condition", "relative_residual", "iterations",
-                                      "tip_error_percent"})) {
-    row.push_back(std::move(cell));
-  }
-  return row;
+json Forward::at(const Eigen::VectorXd& inputs) const {
+  json document = shapeAt(inputs);
+  addInputs(scene.arm, inputs, document);
+  addResponse(scene.arm, model::ArmResponse(scene.arm), 0, document);
+  return document;
 }
 
+json Forward::after(const model::InputHistory& history) const {
+  model::ArmResponse response(model.arm());
+  json rows = json::array();
+  Eigen::VectorXd effective;
+  for (Eigen::Index k = 0; k < history.rows(); ++k) {
+    response.follow(history, k);
+    effective = model.arm().clamped(response.effective());
+    const statics::Tip tip = model.tip(effective);
+    rows.push_back({{"time_s", nullptr},
+                    {"pressure_pa", history.input.row(k)},
+                    {"effective_pressure_pa", effective},
+                    {"memory_known", response.known()},
+                    {"status", statics::nameOf(tip.status)},
+                    {"tip", valueIf(tip.converged(), tip.tip)}});
+    if (!history.time.empty()) rows.back()["time_s"] = history.time[static_cast<std::size_t>(k)];
+  }
+  json document = shapeAt(effective);
+  addInputs(scene.arm, history.input.row(history.rows() - 1), document);
+  addResponse(scene.arm, response, history.rows(), document);
+  document["effective_pressure_pa"] = effective;
+  document["history"] = rows;
+  return document;
+}
+
+const Columns kForwardColumns = {"tier",
+                                 "order",
+                                 "status",
+                                 "inputs",
+                                 {"lengths_m", "length_*_m"},
+                                 "twist",
+                                 "tip",
+                                 "rank",
+                                 "condition",
+                                 "relative_residual",
+                                 "iterations",
+                                 "tip_error_percent"};
+
 // The rows of the history, or the curve if it was requested; otherwise one row with all numbers.
-CsvTable csvTable(const io::Scene& scene, const ForwardResult& result) {
-  CsvTable table;
-  for (const auto& point : result.curve) {
-    CsvTable::Row row{{"s", exact(point.s)}};
-    appendPose("", toJson(point.X), row);
-    table.add(row);
+Csv csvOf(const io::Scene& scene, const json& report) {
+  if (report.contains("history")) {
+    return {{"time_s", "pressure_pa", "effective_pressure_pa", "memory_known", "status", "tip"},
+            "history"};
   }
-  for (const HistoryRow& row : result.rows) {
-    CsvTable::Row cells{{"time_s", exact(row.time)}};
-    appendInputs(scene.arm, row.pressure, cells);
-    for (int i = 0; i < row.effective.size(); ++i) {
-      cells.emplace_back("effective_pressure_" + std::to_string(i + 1) + "_pa",
-                         exact(row.effective[i]));
-    }
-    cells.emplace_back("memory_known", row.known ? "1" : "0");
-    cells.emplace_back("status", statics::nameOf(row.tip.status));
-    appendPose("tip_", toJson(row.tip.tip), cells);
-    table.add(cells);
-  }
-  if (result.curve.empty() && result.rows.empty()) table.add(rowOf(scene, result));
-  return table;
+  if (report.contains("curve")) return {{"s", "position_m", "quaternion_xyzw"}, "curve"};
+  return {kForwardColumns, "", {}, &scene.arm};
 }
 
 // The report without the history, and with what the numbers leave open.
-json shownOf(const io::Scene& scene, const ForwardResult& result, json report) {
-  report["tier"] = result.choice.setting.name();
-  if (!result.rows.empty()) report["history"] = std::to_string(result.rows.size()) + " rows";
+json shownOf(const Forward& forward, json report) {
+  report["tier"] = forward.model.choice().setting.name();
   report.erase("order");
   report.erase("piece_twist");
-  if (result.rows.empty()) {
+  if (report.contains("history")) {
+    report["history"] = std::to_string(report["history"].size()) + " rows";
+  } else {
     report.erase("response");
-    addNote(scene.arm, report);
+    addNote(forward.scene.arm, report);
   }
   return report;
 }
 
 // One result per row of a table.
-int runRows(const ForwardOptions& options, const GlobalOptions& global, const io::Scene& scene) {
-  refuseIf(!(options.pressure_kpa + options.input + options.history).empty() || options.samples > 0,
+int runRows(const ForwardOptions& options, Format format, const Forward& forward) {
+  refuseIf(options.input.given() || !options.history.empty() || options.samples > 0,
            "--inputs excludes --pressure-kpa, --input, --history and --samples");
+  const io::Scene& scene = forward.scene;
   const io::DataSet data = tableOf(options.inputs);
   const Eigen::MatrixXd inputs = inputRowsOf(scene, data);
-  const statics::ArmModel model = modelOf(scene, options.tier);
-  const auto zones = zonesOf(scene, model);
-  RowPrinter rows(global.format, scene.name);
+  RowPrinter rows(format, scene.name, CsvTable(std::cout, kForwardColumns, &scene.arm),
+                  {"status", "tip"});
   bool all_converged = true;
   for (Eigen::Index row = 0; row < inputs.rows(); ++row) {
-    ForwardResult result = forward(model, inputs.row(row), 0);
-    if (zones && result.solution.converged()) result.zone = zoneAt(*zones, result.solution.shape);
-    all_converged = all_converged && result.solution.converged();
-    rows.add(
-        "line " + std::to_string(data.lines[static_cast<std::size_t>(row)]),
-        [&] { return reportOf(scene, result); }, [&] { return rowOf(scene, result); },
-        {"status", "tip"});
+    const json report = forward.at(inputs.row(row));
+    all_converged = all_converged && report["failure"].is_null();
+    rows.add("line " + std::to_string(data.lines[static_cast<std::size_t>(row)]), report);
   }
   rows.end();
   return all_converged ? kDone : kNotPossible;
 }
 
 int run(const ForwardOptions& options, const GlobalOptions& global) {
-  refuseIf(!options.history.empty() && (!options.pressure_kpa.empty() || !options.input.empty()),
+  const bool follows = !options.history.empty();
+  refuseIf(follows && options.input.given(),
            "--history gives the pressures; leave out --pressure-kpa and --input");
-  refuseIf(!options.history.empty() && options.samples > 0 && global.format == Format::kCsv,
+  refuseIf(follows && options.samples > 0 && global.format == Format::kCsv,
            "with --history, csv has the rows of the history; leave out --samples");
-  refuseIf((options.pressure_kpa + options.input + options.inputs + options.history).empty(),
+  refuseIf(!follows && !options.input.given() && options.inputs.empty(),
            "give --pressure-kpa, --input, --inputs or --history");
   const io::Scene scene = loadScene(options.scene, global);
-  if (!options.inputs.empty()) return runRows(options, global, scene);
-  const statics::ArmModel model = modelOf(scene, options.tier);
-  ForwardResult result =
-      options.history.empty()
-          ? forward(
-                model,
-                inputsOf(scene, "--pressure-kpa", options.pressure_kpa, "--input", options.input),
-                options.samples)
-          : forward(model, historyOfFile(scene, options.history), options.samples);
-  const auto zones = zonesOf(scene, model);
-  if (zones && result.solution.converged()) result.zone = zoneAt(*zones, result.solution.shape);
-  const json report = reportOf(scene, result);
-  printResult(global.format, report, shownOf(scene, result, report),
-              [&] { return csvTable(scene, result); });
-  return result.solution.converged() ? kDone : kNotPossible;
+  const Forward forward{scene, modelOf(scene, options.tier), options.samples};
+  if (!options.inputs.empty()) return runRows(options, global.format, forward);
+  json report = follows ? forward.after(historyOfFile(scene, options.history))
+                        : forward.at(inputsOf(scene, options.input));
+  const auto print = [&scene, table = report](std::ostream& out) {
+    printCsv(table, csvOf(scene, table), out);
+  };
+  if (follows) {
+    for (json& row : report["history"]) row.erase("status");
+  }
+  printResult(global.format, report, shownOf(forward, report), print);
+  return report["failure"].is_null() ? kDone : kNotPossible;
 }
 
 // ---- inverse ------------------------------------------------------------------------------------
 
 struct InverseArguments {
-  std::string scene, tip, pose, twist, targets, prefer = "min-pressure", start_kpa, start, history;
+  std::string scene, tip, pose, twist, targets, prefer = "min-pressure", history;
+  InputArguments start{"--start-kpa", "--start"};
   TierArguments tier;
-  double cocontraction = 0.5;
-  bool cocontraction_given = false;
+  std::optional<double> cocontraction;
 };
 
-// @param p  (7) position, quaternion xyzw, whose norm is an error if it is not 1; of a file it is
-//     not repeated. @param culprit  whose they are.
-lie::SE3 poseOf(const std::string& culprit, const Eigen::VectorXd& p, bool repeat_norm) {
+// @param p  (7) position, quaternion xyzw. @param culprit  whose they are.
+lie::SE3 poseOf(const std::string& culprit, const Eigen::VectorXd& p) {
   constexpr double kNormTolerance = 1e-3;  // more than the rounding of a few digits
   const Eigen::Quaterniond q(p[6], p[3], p[4], p[5]);
-  refuseIf(!(std::abs(q.norm() - 1) <= kNormTolerance), culprit, " has a quaternion of ",
-           repeat_norm ? basics::format("norm %g", q.norm()) : "another norm",
-           "; expected 1, in the order qx,qy,qz,qw");
+  refuseIf(!(std::abs(q.norm() - 1) <= kNormTolerance), culprit, " has a quaternion of norm ",
+           q.norm(), "; expected 1, in the order qx,qy,qz,qw");
   return {q.normalized().toRotationMatrix(), p.head<3>()};
 }
 
 statics::InverseOptions optionsOf(const InverseArguments& arguments) {
   statics::InverseOptions options;
   options.preference = statics::preferenceOf(arguments.prefer);
-  refuseIf(arguments.cocontraction_given && options.preference != Preference::kCocontraction,
+  refuseIf(arguments.cocontraction && options.preference != Preference::kCocontraction,
            "--cocontraction needs --prefer cocontract");
-  options.cocontraction = arguments.cocontraction;
+  options.cocontraction = arguments.cocontraction.value_or(options.cocontraction);
   return options;
 }
 
 Eigen::VectorXd startOf(const InverseArguments& arguments, const io::Scene& scene) {
-  if (!arguments.start_kpa.empty() || !arguments.start.empty()) {
-    return inputsOf(scene, "--start-kpa", arguments.start_kpa, "--start", arguments.start);
-  }
-  return scene.arm.inputAt(arguments.prefer == "cocontract" ? arguments.cocontraction : 0.0);
+  if (arguments.start.given()) return inputsOf(scene, arguments.start);
+  const statics::InverseOptions options = optionsOf(arguments);
+  const bool cocontracts = options.preference == Preference::kCocontraction;
+  return scene.arm.inputAt(cocontracts ? options.cocontraction : 0.0);
 }
 
 const char* statusName(InverseStatus status) {
@@ -378,82 +315,43 @@ json activeLimits(const model::Arm& arm, const InverseResult& result) {
   return limits;
 }
 
-// Result of the search, and the pressures that it takes.
-struct InverseAnswer {
-  InverseResult result;         // its inputs are effective ones
-  Eigen::VectorXd pressure;     // (n) to command
-  model::ArmResponse response;  // before
-  Eigen::Index history_rows = 0;
-  std::optional<ZoneAnswer> zone = {};
-
-  bool blocked() const { return zone && zone->blocked; }
-  bool reached() const { return result.status == InverseStatus::kReached && !blocked(); }
-};
-
-// Looks at the zones on the way from where the search began.
-void lookAtZones(const std::optional<clearance::SweepCheck>& zones, const Eigen::VectorXd& start,
-                 const statics::Solution& reached, InverseAnswer& answer) {
-  if (!zones || !reached.converged()) return;
-  answer.zone = zoneAt(*zones, reached.shape);
-  answer.zone->blocked = zones->sweep({start, answer.result.input});
-}
-
-// Columns that a row of csv has besides numbers; tables of many rows build no more of the report.
-json summaryOf(const io::Scene& scene, const statics::TierSetting& tier,
-               const InverseAnswer& answer) {
-  return {{"tier", nameOf(tier.tier)},
-          {"order", tier.tier == statics::Tier::kLoaded ? json(tier.order) : json()},
-          {"status", answer.blocked() ? "blocked" : statusName(answer.result.status)},
-          {"converged", answer.result.converged()},
-          {"active_limits", activeLimits(scene.arm, answer.result)}};
-}
-
-json reportOf(const io::Scene& scene, const statics::TierSetting& tier, const InverseAnswer& answer,
-              const statics::Solution& reached) {
-  const InverseResult& result = answer.result;
-  json document = summaryOf(scene, tier, answer);
-  document.update({{"scene", scene.name},
-                   {"reason", textOrNull(reasonFor(result))},
-                   {"residual", finite(result.residual)},
-                   {"position_error_m", finite(result.position_error)},
-                   {"iterations", result.iterations},
-                   {"tip", reached.converged() ? toJson(reached.tip) : json()},
-                   {"twist", reached.converged() ? toJson(reached.shape.twists()) : json()}});
-  addInputs(scene.arm, answer.pressure, document);
-  addResponse(scene.arm, answer.response, answer.history_rows, document);
-  if (answer.history_rows > 0) document["effective_pressure_pa"] = toJson(result.input);
-  addZone(answer.zone, document);
-  if (answer.blocked()) {
-    const clearance::Blocked& blocked = *answer.zone->blocked;
-    document["reason"] = "on its way from the start the arm " + blocked.text() +
+// The report of a search that began at these inputs.
+json reportOf(const io::Scene& scene, const statics::ArmModel& model, const Zones& zones,
+              const Eigen::VectorXd& start, const InverseResult& result) {
+  const statics::TierSetting& tier = model.choice().setting;
+  const statics::Solution found = model.solve(result.input);
+  json document{{"scene", scene.name},
+                {"tier", nameOf(tier.tier)},
+                {"order", valueIf(tier.tier == statics::Tier::kLoaded, tier.order)},
+                {"status", statusName(result.status)},
+                {"reason", textOrNull(reasonFor(result))},
+                {"converged", result.converged()},
+                {"residual", result.residual},
+                {"position_error_m", result.position_error},
+                {"active_limits", activeLimits(scene.arm, result)},
+                {"iterations", result.iterations},
+                {"tip", valueIf(found.converged(), found.tip)},
+                {"twist", valueIf(found.converged(), found.shape.twists().transpose())}};
+  addInputs(scene.arm, result.input, document);
+  addResponse(scene.arm, model::ArmResponse(scene.arm), 0, document);
+  addZone(zones, found, document);
+  if (!zones || !found.converged()) return document;
+  if (const auto blocked = zones->sweep({start, result.input})) {
+    document["status"] = "blocked";
+    document["reason"] = "on its way from the start the arm " + blocked->text() +
                          "; plan a way around: helix_arm plan";
-    document["blocked_by"] = textOrNull(blocked.zone);
+    document["blocked_by"] = textOrNull(blocked->zone);
     document["clear_tip"] = nullptr;
-    if (blocked.last_clear.size() > 0) {
-      document["clear_tip"] = {{"position_m", toJson(blocked.clear_tip)}};
+    if (blocked->last_clear.size() > 0) {
+      document["clear_tip"] = {{"position_m", blocked->clear_tip}};
     }
   }
   return document;
 }
 
-CsvTable::Row rowOf(const io::Scene& scene, const statics::TierSetting& tier,
-                    const InverseAnswer& answer, const statics::Solution& reached) {
-  const json summary = summaryOf(scene, tier, answer);
-  CsvTable::Row row = cellsOf(summary, {"status", "converged"});
-  appendInputs(scene.arm, answer.pressure, row);
-  row.emplace_back("residual", exact(answer.result.residual));
-  row.emplace_back("position_error_m", exact(answer.result.position_error));
-  std::string limits;  // one cell: actuator=limit, separated by spaces
-  for (const json& limit : summary["active_limits"]) {
-    limits += (limits.empty() ? "" : " ") + limit["actuator"].get<std::string>() + "=" +
-              limit["limit"].get<std::string>();
-  }
-  row.emplace_back("active_limits", limits);
-  appendTwists(toJson(reached.shape.twists()), scene.arm.sectionCount(), row);
-  appendPose("tip_", toJson(reached.tip), row);
-  for (auto& cell : cellsOf(summary, {"tier", "order"})) row.push_back(std::move(cell));
-  return row;
-}
+const Columns kInverseColumns = {
+    "status",        "converged", "inputs", "residual", "position_error_m",
+    "active_limits", "twist",     "tip",    "tier",     "order"};
 
 // Names of the columns of positions x_m, y_m, z_m, or, where the table has qx, of poses; with the
 // prefix tip_ where the table has those of a result alone.
@@ -475,7 +373,6 @@ int runRows(const InverseArguments& arguments, const GlobalOptions& global, cons
   const std::vector<std::string> names = poseColumns(data);
   const bool poses = names.size() > 3;
   const Eigen::MatrixXd targets = columnsOf(data, names);
-  const statics::TierSetting& tier = model.choice().setting;
   Eigen::VectorXd start = startOf(arguments, scene);
   const auto zones = zonesOf(scene, model);
   const auto lineOf = [&data](Eigen::Index row) {
@@ -483,25 +380,21 @@ int runRows(const InverseArguments& arguments, const GlobalOptions& global, cons
   };
   // Nothing is printed of a table with a faulty row.
   for (Eigen::Index row = 0; poses && row < targets.rows(); ++row) {
-    poseOf(lineOf(row), targets.row(row), false);
+    poseOf(lineOf(row), targets.row(row));
   }
-  RowPrinter rows(global.format, scene.name);
+  RowPrinter rows(global.format, scene.name, CsvTable(std::cout, kInverseColumns, &scene.arm),
+                  {"status", "reason", "pressure_pa", "input", "active_limits", "residual",
+                   "position_error_m", "tip"});
   bool all_reached = true;
   for (Eigen::Index row = 0; row < targets.rows(); ++row) {
     const Eigen::VectorXd target = targets.row(row);
     const std::string line = lineOf(row);
-    const InverseResult result = poses ? solver.toPose(poseOf(line, target, false), start)
-                                       : solver.toPosition(target, start);
-    InverseAnswer answer{result, result.input, model::ArmResponse(scene.arm)};
-    const statics::Solution reached = model.solve(result.input);
-    lookAtZones(zones, start, reached, answer);
-    all_reached = all_reached && answer.reached();
+    const InverseResult result =
+        poses ? solver.toPose(poseOf(line, target), start) : solver.toPosition(target, start);
+    const json report = reportOf(scene, model, zones, start, result);
+    all_reached = all_reached && report["status"] == "reached";
     if (arguments.prefer == "min-change") start = result.input;
-    rows.add(
-        line, [&] { return reportOf(scene, tier, answer, reached); },
-        [&] { return rowOf(scene, tier, answer, reached); },
-        {"status", "reason", "pressure_pa", "input", "active_limits", "residual",
-         "position_error_m", "tip"});
+    rows.add(line, report);
   }
   rows.end();
   return all_reached ? kDone : kNotPossible;
@@ -519,7 +412,7 @@ int run(const InverseArguments& arguments, const GlobalOptions& global) {
            " has none");
   statics::InverseSolver solver(model, options);
   if (!arguments.targets.empty()) {
-    if (!arguments.history.empty()) throw CallerError("--targets excludes --history");
+    refuseIf(!arguments.history.empty(), "--targets excludes --history");
     return runRows(arguments, global, scene, model, solver);
   }
   Eigen::VectorXd start = startOf(arguments, scene);
@@ -542,45 +435,45 @@ int run(const InverseArguments& arguments, const GlobalOptions& global) {
     result = solver.toPosition(numberList("--tip", arguments.tip, 3), start);
   } else if (!arguments.pose.empty()) {
     const Eigen::VectorXd pose = numberList("--pose", arguments.pose, 7);
-    result = solver.toPose(poseOf("--pose", pose, true), start);
+    result = solver.toPose(poseOf("--pose", pose), start);
   } else {
     const int sections = scene.arm.sectionCount();
     const Eigen::VectorXd twists = numberList("--twist", arguments.twist, 6 * sections);
     result = solver.toTwists(twists.reshaped(6, sections), start);
   }
-  InverseAnswer answer{result, result.input, response, rows};
-  if (rows > 0) response.inputsFor(scene.arm, result.input, answer.pressure, after);
-  const statics::Solution reached = model.solve(result.input);
-  lookAtZones(zonesOf(scene, model), start, reached, answer);
-  const statics::TierSetting& tier = model.choice().setting;
-  const json report = reportOf(scene, tier, answer, reached);
+  json report = reportOf(scene, model, zonesOf(scene, model), start, result);
+  if (rows > 0) {
+    Eigen::VectorXd pressure = result.input;
+    response.inputsFor(scene.arm, result.input, pressure, after);
+    addInputs(scene.arm, pressure, report);
+    addResponse(scene.arm, response, rows, report);
+    report["effective_pressure_pa"] = result.input;
+  }
   json shown = without(report, {"response", "converged", "order"});
-  shown["tier"] = tier.name();
+  shown["tier"] = model.choice().setting.name();
   if (rows == 0) addNote(scene.arm, shown);
-  printResult(global.format, report, shown, [&] { return rowOf(scene, tier, answer, reached); });
-  return answer.reached() ? kDone : kNotPossible;
+  printResult(global.format, report, shown, Csv{kInverseColumns, "", {}, &scene.arm});
+  return report["status"] == "reached" ? kDone : kNotPossible;
 }
 
 }  // namespace
 
-Subcommand addForward(CLI::App& app) {
-  CLI::App* command = app.add_subcommand("forward", "pressures to the shape and tip of the arm");
-  const auto options = std::make_shared<ForwardOptions>();
-  addScene(*command, "SCENE", options->scene, "scene file")->required();
-  addOption(*command, "--pressure-kpa", options->pressure_kpa,
-            "gauge pressures [kPa], one per actuator: a,b,c");
-  addOption(
-      *command, "--input", options->input,
+void addForward(Commands& commands) {
+  auto [command, options] =
+      commands.add<ForwardOptions>("forward", "pressures to the shape and tip of the arm", run);
+  addScene(command, options.scene);
+  addInputOptions(
+      command, options.input, "gauge pressures [kPa], one per actuator: a,b,c",
       "inputs in SI units instead of kPa, one per actuator: pressures [Pa], spool angles [rad]");
-  addOption(*command, "--inputs", options->inputs,
+  addOption(command, "--inputs", options.inputs,
             "one result per row of this table, or of stdin where it is -: columns pressure_1_kpa "
             ".., pressure_1_pa .. or input_1 .. in SI units");
-  addOption(*command, "--history", options->history, kHistoryHelp);
-  addTierOptions(*command, options->tier);
-  addOption(*command, "--samples", options->samples,
+  addOption(command, "--history", options.history, kHistoryHelp);
+  addTierOptions(command, options.tier);
+  addOption(command, "--samples", options.samples,
             "also give the curve at N evenly spaced s; s runs over [k, k + 1] along section k",
             CLI::Range(2, kMostSamples));
-  command->footer(R"(json: tier, order (of the loaded tier, else null), tier_reason,
+  command.footer(R"(json: tier, order (of the loaded tier, else null), tier_reason,
 tip_error_percent (largest tip error of the tier, of the arm's length; null if it does
 not always converge), status (converged, not_converged, snapped, unsupported), failure (null if
 converged), relative_residual (last iteration's motion over the arm's size),
@@ -602,42 +495,39 @@ nearest).
 --tier, --order, --accuracy and --budget replace everything that the scene says about
 the tier.
 Exit code 1 if no shape balances the load.)");
-  return {command, [options](const GlobalOptions& global) { return run(*options, global); }};
 }
 
-Subcommand addInverse(CLI::App& app) {
-  CLI::App* command =
-      app.add_subcommand("inverse", "a wanted tip, pose or shape to pressures within the limits");
-  const auto arguments = std::make_shared<InverseArguments>();
-  addScene(*command, "SCENE", arguments->scene, "scene file")->required();
-  addOption(*command, "--tip", arguments->tip, "wanted tip position [m]: x,y,z");
-  addOption(*command, "--pose", arguments->pose,
+void addInverse(Commands& commands) {
+  auto [command, arguments] = commands.add<InverseArguments>(
+      "inverse", "a wanted tip, pose or shape to pressures within the limits", run);
+  addScene(command, arguments.scene);
+  addOption(command, "--tip", arguments.tip, "wanted tip position [m]: x,y,z");
+  addOption(command, "--pose", arguments.pose,
             "wanted tip pose [m], unit quaternion: x,y,z,qx,qy,qz,qw");
   addOption(
-      *command, "--twist", arguments->twist,
+      command, "--twist", arguments.twist,
       "wanted twists [m, rad]: vx,vy,vz,wx,wy,wz, those of several sections one after the other");
-  addOption(*command, "--targets", arguments->targets,
+  addOption(command, "--targets", arguments.targets,
             "one result per row of this table, or of stdin where it is -: columns x_m,y_m,z_m and, "
             "for poses, qx,qy,qz,qw; or tip_x_m .. as forward prints them");
-  addOption(*command, "--prefer", arguments->prefer,
+  addOption(command, "--prefer", arguments.prefer,
             "which of the inputs that reach the target: min-pressure, min-change (from the start), "
             "cocontract or stiff (least tip compliance)",
             CLI::IsMember(std::vector<std::string>(statics::kPreferenceWords.begin(),
                                                    statics::kPreferenceWords.end())),
             kShowDefault);
-  addOption(*command, "--start-kpa", arguments->start_kpa,
-            "start of the search, gauge pressures [kPa]: a,b,c; default: lower limits, with "
-            "cocontract at its fraction");
-  addOption(*command, "--start", arguments->start,
-            "start of the search in SI units instead of kPa: pressures [Pa], spool angles [rad]");
-  addOption(*command, "--history", arguments->history,
+  addInputOptions(
+      command, arguments.start,
+      "start of the search, gauge pressures [kPa]: a,b,c; default: lower limits, with "
+      "cocontract at its fraction",
+      "start of the search in SI units instead of kPa: pressures [Pa], spool angles [rad]");
+  addOption(command, "--history", arguments.history,
             std::string(kHistoryHelp) + ", and the pressures continue from there");
-  addTierOptions(*command, arguments->tier);
-  CLI::Option* cocontraction =
-      addOption(*command, "--cocontraction", arguments->cocontraction,
-                "with cocontract: wanted fraction of each actuator's range", CLI::Range(0.0, 1.0),
-                kShowDefault);
-  command->footer(
+  addTierOptions(command, arguments.tier);
+  addOption(command, "--cocontraction", arguments.cocontraction,
+            "with cocontract: wanted fraction of each actuator's range, default 0.5",
+            CLI::Range(0.0, 1.0));
+  command.footer(
       R"(json: tier, order (of the loaded tier, else null), pressure_pa, actuators, status
 (reached, unreachable, not_converged), reason (null if reached), converged, residual
 (position error and, for poses and twists, 0.1 m per rad of rotation [m]),
@@ -650,10 +540,6 @@ Of a scene with keep_out: clearance_m and zone at the result; status blocked (ex
 where the arm would come too close on the straight way of the pressures from the start:
 blocked_by, clear_tip {position_m} (the last on that way; null if the start is too close).
 An unreachable target gives the closest inputs found and exit code 1.)");
-  return {command, [arguments, cocontraction](const GlobalOptions& global) {
-            arguments->cocontraction_given = cocontraction->count() > 0;
-            return run(*arguments, global);
-          }};
 }
 
 }  // namespace helix_arm::cli

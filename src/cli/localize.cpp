@@ -1,10 +1,6 @@
 #include <algorithm>
-#include <cmath>
 #include <iostream>
-#include <memory>
-#include <optional>
 
-#include "arguments.hpp"
 #include "command.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/text.hpp"
@@ -13,17 +9,16 @@
 #include "helix_arm/vision/arm_localizer.hpp"
 #include "helix_arm/vision/frame_source.hpp"
 #include "measurements.hpp"
-#include "output.hpp"
 
 namespace helix_arm::cli {
 namespace {
 
-using nlohmann::json;
 using vision::ObservationState;
 using vision::TagDetection;
 
 struct LocalizeOptions {
-  std::string scene, pressure_kpa, input;
+  std::string scene;
+  InputArguments input;
   std::vector<std::string> pictures;
 };
 
@@ -55,7 +50,7 @@ json suspicionsOf(const estimation::TwistFit& fit, const estimation::TwistFitOpt
 json tagsJson(const std::vector<TagDetection>& detections) {
   return listJson(detections, [](const TagDetection& tag) -> json {
     return {{"id", tag.id},
-            {"corners_px", rowsJson(tag.corners.transpose())},
+            {"corners_px", tag.corners.transpose()},
             {"hamming", tag.hamming},
             {"margin", tag.margin}};
   });
@@ -175,12 +170,12 @@ class Locator {
     for (const estimation::TagResidual& tag : fit.tags) {
       if (tag.outlier) located["outlier_tags"].push_back(scene_.tags->tags[tag.tag].id);
     }
-    located["twist"] = toJson(fit.twists);
-    located["covariance"] = rowsJson(fit.covariance);
+    located["twist"] = fit.twists.transpose();
+    located["covariance"] = fit.covariance;
     located["rms_px"] = fit.rms;
-    located["tip"] = toJson(measuredTip(fit));
-    located["tip_covariance"] = rowsJson(fit.tip_covariance);
-    if (options.free_base) located["base"] = toJson(fit.X_B0B);
+    located["tip"] = measuredTip(fit);
+    located["tip_covariance"] = fit.tip_covariance;
+    if (options.free_base) located["base"] = fit.X_B0B;
     if (options.free_border_shift) located["bleed_m"] = fit.border_shift;
     return located;
   }
@@ -241,42 +236,38 @@ json locateAll(const std::vector<std::string>& paths, Locator& locator) {
   return located;
 }
 
-// Quoted where needed, since paths may contain commas.
-std::string fileCell(const std::string& text) {
-  if (text.find_first_of(",\"\n") == std::string::npos) return text;
-  return quotedCell(text);
-}
-
 // One row per tag; a frame without tags has one row, and missing values are empty cells.
-CsvTable tagTable(const io::Scene& scene, const json& frames) {
+void printTags(const io::Scene& scene, const json& frames, std::ostream& out) {
   const estimation::TwistFitOptions& options = scene.vision.fit;
-  CsvTable table;
-  for (const json& frame : frames) {
-    CsvTable::Row fitted = cellsOf(frame, {"rms_px"});
-    if (options.free_base) appendPose("base_", frame["base"], fitted);
-    if (options.free_border_shift) fitted.push_back(cellsOf(frame, {"bleed_m"}).front());
-    appendTwists(frame["twist"], scene.arm.sectionCount(), fitted);
-    for (std::size_t i = 0; i < std::max<std::size_t>(frame["tags"].size(), 1); ++i) {
-      const json tag = frame["tags"].empty() ? json() : frame["tags"][i];
-      CsvTable::Row row{{"file", fileCell(basics::printable(frame["file"].get<std::string>()))},
-                        {"state", frame["state"].get<std::string>()},
-                        {"tag", tag.is_null() ? "" : tag["id"].dump()}};
-      for (std::size_t k = 0; k < 4; ++k) {
-        for (const std::size_t axis : {0, 1}) {
-          row.emplace_back("corner_" + std::to_string(k + 1) + (axis == 0 ? "_x_px" : "_y_px"),
-                           tag.is_null() ? "" : exact(tag["corners_px"][k][axis].get<double>()));
-        }
+  std::vector<std::string> corners;
+  for (const char* corner : {"corner_1", "corner_2", "corner_3", "corner_4"}) {
+    for (const char* axis : {"_x_px", "_y_px"}) corners.push_back(std::string(corner) + axis);
+  }
+  Columns columns{"file", "state", "tag"};
+  columns.insert(columns.end(), corners.begin(), corners.end());
+  columns.push_back("rms_px");
+  if (options.free_base) columns.push_back("base");
+  if (options.free_border_shift) columns.push_back("bleed_m");
+  columns.push_back("twist");
+  CsvTable table(out, columns, &scene.arm);
+  for (json row : frames) {
+    row["file"] = basics::printable(row["file"].get<std::string>());
+    for (const std::string& corner : corners) row[corner] = nullptr;
+    row["tag"] = nullptr;
+    if (row["tags"].empty()) table.add(row);
+    for (const json& tag : row["tags"]) {
+      row["tag"] = tag["id"];
+      for (std::size_t k = 0; k < corners.size(); ++k) {
+        row[corners[k]] = tag["corners_px"][k / 2][k % 2];
       }
-      row.insert(row.end(), fitted.begin(), fitted.end());
       table.add(row);
     }
   }
-  return table;
 }
 
 int run(const LocalizeOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadScene(options.scene, global);
-  const Eigen::VectorXd inputs = inputsOrRest(scene, options.pressure_kpa, options.input);
+  const Eigen::VectorXd inputs = inputsOrRest(scene, options.input);
   const statics::Solution start = scene.model.solve(inputs);
   Locator locator(scene, statics::startingShape(scene.model, start, inputs));
   const json frames = locateAll(options.pictures, locator);
@@ -286,33 +277,33 @@ int run(const LocalizeOptions& options, const GlobalOptions& global) {
   const json report{{"scene", scene.name},
                     {"model_status", nameOf(start.status)},
                     {"frames", frames},
-                    {"suspects", suspectsJson(suspects)}};
+                    {"suspects", suspects}};
   json shown = without(report, {"model_status", "suspects"});
   for (const std::string& text : procedures::textsOf(suspects)) shown["notes"].push_back(text);
   for (json& frame : shown["frames"]) {
     for (json& tag : frame["tags"]) tag = json(tag["id"]);
   }
-  printResult(global.format, report, shown, [&] { return tagTable(scene, frames); });
+  printResult(global.format, report, shown,
+              [&](std::ostream& out) { printTags(scene, frames, out); });
   return std::any_of(frames.begin(), frames.end(), isFailure) ? kNotPossible : kDone;
 }
 
 }  // namespace
 
-Subcommand addLocalize(CLI::App& app) {
-  CLI::App* command =
-      app.add_subcommand("localize", "find tags in pictures, and the twist of the arm from them");
-  const auto options = std::make_shared<LocalizeOptions>();
-  addScene(*command, "SCENE", options->scene, "scene file")->required();
-  addOption(*command, "IMAGE|VIDEO", options->pictures,
+void addLocalize(Commands& commands) {
+  auto [command, options] = commands.add<LocalizeOptions>(
+      "localize", "find tags in pictures, and the twist of the arm from them", run);
+  addScene(command, options.scene);
+  addOption(command, "IMAGE|VIDEO", options.pictures,
             "pictures, folders of pictures, or videos; the pictures of a video follow one another, "
             "all others are independent",
             kRequired);
-  addOption(*command, "--pressure-kpa", options->pressure_kpa,
-            "start of the search for the shape, gauge pressures [kPa], one per actuator: a,b,c; "
-            "default: at rest");
-  addOption(*command, "--input", options->input,
-            "start of the search in SI units instead of kPa: pressures [Pa], spool angles [rad]");
-  command->footer(
+  addInputOptions(
+      command, options.input,
+      "start of the search for the shape, gauge pressures [kPa], one per actuator: a,b,c; "
+      "default: at rest",
+      "start of the search in SI units instead of kPa: pressures [Pa], spool angles [rad]");
+  command.footer(
       R"(Pixels: (0, 0) is the centre of the top-left one. Corners: bottom left, bottom right,
 top right, top left as one reads the tag. Every tag of the scene's family is listed,
 whether the scene has it or not.
@@ -328,7 +319,6 @@ tags), wrong_size (not the camera's size; not searched) or unreadable.
 csv: one row per tag.
 Exit code 1 if a picture cannot be read, does not have the camera's size, holds no tags,
 or holds tags of the scene that give no twist.)");
-  return {command, [options](const GlobalOptions& global) { return run(*options, global); }};
 }
 
 }  // namespace helix_arm::cli

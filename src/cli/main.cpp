@@ -1,25 +1,14 @@
 #include <algorithm>
-#include <atomic>
-#include <exception>
 #include <iostream>
 #include <map>
-#include <memory>
-#include <optional>
-#include <string>
 
-#include "arguments.hpp"
 #include "command.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/io/shipped_files.hpp"
-#include "helix_arm/vision/charuco_board.hpp"
-#include "output.hpp"
 
 namespace helix_arm::cli {
 namespace {
-
-std::atomic<bool> noted{false};
-static_assert(std::atomic<bool>::is_always_lock_free, "a signal handler sets it");
 
 const char* const kFooter =
     "Units: pressures are gauge; kPa where an option says so, otherwise SI. Poses and twists\n"
@@ -56,20 +45,6 @@ void tellSubcommands(const CLI::App& app) {
             << "\n";
 }
 
-// Messages repeat arguments, also on stdout, where none may pass for a line of its own. The value
-// of --set is YAML, which may have several lines.
-void checkArguments(const std::vector<std::string>& arguments) {
-  for (std::size_t i = 0; i < arguments.size(); ++i) {
-    const std::string& argument = arguments[i];
-    if (argument.rfind("--set=", 0) == 0 || (i > 0 && arguments[i - 1] == "--set")) continue;
-    const bool sound = std::none_of(argument.begin(), argument.end(),
-                                    [](char c) { return (c >= 0 && c < ' ') || c == '\x7f'; });
-    if (sound) continue;
-    throw CallerError("argument " + std::to_string(i + 1) + " is " + argument +
-                      "; expected one without control characters");
-  }
-}
-
 // Contents of --session: the same call gives the same result.
 const std::string kKept =
     "calibrate, commission, evaluate, experiment, fit, follow, localize, simulate";
@@ -84,7 +59,6 @@ int keepSession(const std::string& name, std::string folder, std::vector<std::st
 
 // The exit code where the call ends here: --help, --version and errors.
 std::optional<int> parse(CLI::App& app, std::vector<std::string> arguments) {
-  checkArguments(arguments);
   arguments = joinBoardKind(std::move(arguments));
   std::reverse(arguments.begin(), arguments.end());  // as CLI11 takes them
   try {
@@ -100,21 +74,9 @@ std::optional<int> parse(CLI::App& app, std::vector<std::string> arguments) {
   }
 }
 
-// Writes a default as "=value"; CLI11 does so up to 2.3, and as " [value] " later.
-struct Help : CLI::Formatter {
-  std::string make_option_opts(const CLI::Option* option) const override {
-    std::string text = CLI::Formatter::make_option_opts(option);
-    const std::string later = " [" + option->get_default_str() + "] ";
-    const std::size_t at = text.find(later);
-    if (at != std::string::npos) text.replace(at, later.size(), "=" + option->get_default_str());
-    return text;
-  }
-};
-
 int run(int argc, char** argv) {
   CLI::App app("Kinematics of pneumatic arms, with or without load: pressures to shape and back.",
                "helix_arm");
-  app.formatter(std::make_shared<Help>());  // of the subcommands as well
   app.footer(kFooter);
   app.set_version_flag("--version", "helix_arm " HELIX_ARM_VERSION);
   app.require_subcommand(1);
@@ -136,13 +98,14 @@ int run(int argc, char** argv) {
   addOption(app, "--session", global.session,
             "folder that keeps this run in a folder of its own; of " + kKept, TypeName{"DIR"});
 
-  const Subcommand subcommands[] = {
-      addForward(app),  addInverse(app),    addPayload(app),    addAttain(app),
-      addEvaluate(app), addFit(app),        addCalibrate(app),  addLocalize(app),
-      addSimulate(app), addTrade(app),      addWorkspace(app),  addMotion(app),
-      addPlan(app),     addPath(app),       addFollow(app),     addTags(app),
-      addCamera(app),   addCommission(app), addExperiment(app), addCheck(app),
-      addNew(app),      addRegulator(app),  addSession(app),    addDoctor(app)};
+  Commands commands(app);
+  for (const auto add :
+       {addForward,    addInverse,  addPayload,  addAttain,    addEvaluate,  addFit,
+        addCalibrate,  addLocalize, addSimulate, addTrade,     addWorkspace, addMotion,
+        addPlan,       addPath,     addFollow,   addTags,      addCamera,    addCommission,
+        addExperiment, addCheck,    addNew,      addRegulator, addSession,   addDoctor}) {
+    add(commands);
+  }
   if (argc == 3 && argv[1] == kNamesOption) {
     printNames(argv[2]);
     return kDone;
@@ -153,39 +116,20 @@ int run(int argc, char** argv) {
     return keepSession(app.get_subcommands()[0]->get_name(), global.session,
                        {argv + 1, argv + argc});
   }
-  std::optional<PrintableStream> for_people;
-  if (global.format == Format::kText) for_people.emplace(std::cout);
-  int exit_code = kCallerErred;
-  for (const Subcommand& subcommand : subcommands) {
-    if (subcommand.app->parsed()) exit_code = subcommand.run(global);
-  }
+  const int exit_code = commands.run(global);
   if (!std::cout.flush()) throw CallerError("stdout cannot be written to");
   return exit_code;
 }
 
 }  // namespace
 
-InterruptWatch::InterruptWatch() {
-  noted = false;
-  struct sigaction action {};
-  action.sa_handler = [](int) { noted = true; };
-  for (std::size_t i = 0; i < kSignals.size(); ++i) sigaction(kSignals[i], &action, &before_[i]);
-}
-
-InterruptWatch::~InterruptWatch() {
-  for (std::size_t i = 0; i < kSignals.size(); ++i) sigaction(kSignals[i], &before_[i], nullptr);
-}
-
-bool interrupted() { return noted; }
-
 }  // namespace helix_arm::cli
 
 int main(int argc, char** argv) {
-  const helix_arm::cli::PrintableStream printable(std::cerr);
   try {
     return helix_arm::cli::run(argc, argv);
   } catch (const helix_arm::io::DocumentError& faults) {  // a line each
-    std::cerr << faults.what() << '\n';
+    std::cerr << helix_arm::basics::printableLines(faults.what()) << '\n';
   } catch (const std::exception& error) {
     std::cerr << helix_arm::basics::printable(error.what()) << '\n';
   }

@@ -1,11 +1,8 @@
 // Measured captures: their shapes (fit), and the model beside them (evaluate).
 #include <algorithm>
-#include <cmath>
 #include <map>
-#include <memory>
 #include <set>
 
-#include "arguments.hpp"
 #include "command.hpp"
 #include "helix_arm/basics/median.hpp"
 #include "helix_arm/basics/quote.hpp"
@@ -21,29 +18,28 @@
 #include "helix_arm/procedures/response_series.hpp"
 #include "helix_arm/procedures/stand_calibration.hpp"
 #include "measurements.hpp"
-#include "output.hpp"
 
 namespace helix_arm::cli {
 namespace {
 
+using estimation::FitStatus;
 using estimation::TagLayout;
-using nlohmann::json;
+using PosesOfTags = std::vector<estimation::PoseObservation>;
+using CornersOfTags = std::vector<estimation::CornerObservation>;
 
-// One capture of tag poses and the shape fitted to it.
+// One capture of tags and the shape fitted to it.
 struct FittedCapture {
-  int number = 0;                                 // as the file counts them
-  Eigen::VectorXd pressure;                       // (n) gauge [Pa]
-  std::vector<estimation::PoseObservation> seen;  // the tags that the scene has
-  std::vector<int> unknown_tags;                  // ids that it has not
-  statics::Solution model;                        // at these pressures
-  estimation::FitStatus status = estimation::FitStatus::kConverged;
-  std::string reason;  // why it did not converge; empty where it did
+  estimation::Capture measured;   // the tags that the scene has
+  std::vector<int> unknown_tags;  // ids that it has not
+  statics::Solution model = {};   // at these pressures
+  FitStatus status = FitStatus::kConverged;
+  std::string reason = {};  // why it did not converge; empty where it did
   // Absent where the tags do not determine a shape, or no shape fits most of them.
-  std::optional<estimation::TwistFit> fit;
+  std::optional<estimation::TwistFit> fit = {};
   // Set where its residuals are far larger than is usual among the captures: that RMS [m].
-  std::optional<double> usual_rms;
+  std::optional<double> usual_rms = {};
 
-  bool converged() const { return status == estimation::FitStatus::kConverged; }
+  bool converged() const { return status == FitStatus::kConverged; }
   // Fitted, all its tags agree, and as well as those of the others.
   bool sound() const { return converged() && fit->outliers() == 0 && !usual_rms; }
   // Ids of the tags that do not fit.
@@ -63,114 +59,103 @@ std::string reasonOf(const io::Scene& scene, const FittedCapture& capture) {
       "; check that their positions are in metres and seen from the arm's base, and where the "
       "scene places the tags";
   switch (capture.status) {
-    case estimation::FitStatus::kConverged:
+    case FitStatus::kConverged:
       return {};
-    case estimation::FitStatus::kNotConverged:
+    case FitStatus::kNotConverged:
       return "the fit of a shape to its tags did not converge" + check;
-    case estimation::FitStatus::kUnexplained:
+    case FitStatus::kUnexplained:
       return "no shape of the arm fits more than half of its tags" + check;
-    case estimation::FitStatus::kUnderdetermined:
+    case FitStatus::kUnderdetermined:
       break;
   }
   std::vector<int> tags;
-  for (const estimation::PoseObservation& seen : capture.seen) tags.push_back(seen.tag);
+  const estimation::Reading& reading = capture.measured.reading;
+  if (const auto* poses = std::get_if<PosesOfTags>(&reading)) {
+    for (const auto& seen : *poses) tags.push_back(seen.tag);
+  } else {
+    for (const auto& seen : std::get<CornersOfTags>(reading)) tags.push_back(seen.tag);
+  }
   // Three points determine a section's twist, two in a plane; one pose counts as all of them.
   const int places = scene.vision.fit.planar ? 2 : 3;
   return whyUndetermined(scene, tags, scene.vision.fit.rotation_noise > 0 ? 1 : places);
 }
 
-// Takes the fit's result over; of no shape, its status and the reason alone.
-void take(const io::Scene& scene, const estimation::TwistFit& fit, FittedCapture& capture) {
-  capture.status = fit.status;
-  capture.reason = reasonOf(scene, capture);
-  if (fit.status == estimation::FitStatus::kConverged ||
-      fit.status == estimation::FitStatus::kNotConverged) {
-    capture.fit = fit;
+// The captures of a data set of tag poses or corners. Pressures beside tag poses may be outside the
+// limits: they are but where the fit begins.
+// @throws CallerError where the scene has no tags, io::DocumentError on faulty data.
+std::vector<FittedCapture> capturesOf(const io::Scene& scene, const io::DataSet& data) {
+  std::vector<FittedCapture> captures;
+  if (data.find("x1_px") >= 0) {
+    const procedures::LoadedCaptures read = procedures::loadCaptures(scene, data);
+    for (const auto& measured : read.captures) captures.push_back({measured, read.unknown_ids});
+    return captures;
   }
+  refuseIf(!scene.tags, data.path, " holds tag poses, but scene ", scene.name,
+           " has no tags; expected a scene with a section tags");
+  std::map<int, statics::PointLoad> payloads = procedures::payloadsOf(scene, data);
+  for (const io::TagPoseCapture& measured :
+       io::loadTagPoses(data, scene.arm.actuatorCount(), scene.X_BF)) {
+    FittedCapture capture{{measured.number, measured.pressure, {}}, {}};
+    PosesOfTags seen;
+    for (const io::TagPose& tag : measured.tags) {
+      const int index = scene.tags->find(tag.id);
+      if (index >= 0) seen.push_back({index, tag.X_BT});
+      if (index < 0) capture.unknown_tags.push_back(tag.id);
+    }
+    capture.measured.reading = std::move(seen);
+    const auto load = payloads.find(measured.number);
+    if (load != payloads.end()) capture.measured.payload = load->second;
+    captures.push_back(std::move(capture));
+  }
+  return captures;
 }
 
-void compareScatter(bool planar, std::vector<FittedCapture>& captures) {
+// Fits every capture by itself, from the model's shape or, where its load finds no balance, that
+// without load, and compares how well they fit.
+// @throws CallerError as capturesOf(), and where the scene has tendons.
+std::vector<FittedCapture> fitCaptures(const io::Scene& scene, const io::DataSet& data) {
+  requirePressureDriven(scene);
+  std::vector<FittedCapture> captures = capturesOf(scene, data);
+  estimation::TwistFitter fitter(*scene.tags, scene.arm.sectionCount(), scene.vision.fit);
   std::vector<std::optional<estimation::CaptureScatter>> scatter;
-  for (const FittedCapture& capture : captures) {
+  for (FittedCapture& capture : captures) {
+    const Eigen::VectorXd pressure = scene.arm.clamped(capture.measured.pressure);
+    capture.model = procedures::modelUnder(scene, capture.measured.payload).solve(pressure);
+    const estimation::TwistFit& fit =
+        procedures::fitTags(scene, capture.measured.reading,
+                            statics::startingShape(scene.model, capture.model, pressure), fitter);
+    capture.status = fit.status;
+    capture.reason = reasonOf(scene, capture);
+    const bool found = capture.converged() || fit.status == FitStatus::kNotConverged;
+    if (found) capture.fit = fit;
     scatter.emplace_back();
-    if (capture.converged()) scatter.back() = procedures::scatterOfPoses(*capture.fit, planar);
+    if (capture.converged() && std::holds_alternative<PosesOfTags>(capture.measured.reading)) {
+      scatter.back() = procedures::scatterOfPoses(fit, scene.vision.fit.planar);
+    }
   }
   const estimation::CaptureCheck check = estimation::checkCaptures(scatter);
   for (std::size_t i = 0; i < captures.size(); ++i) {
     if (check.apart[i]) captures[i].usual_rms = check.usual;
   }
-}
-
-// Fits every capture of a data set of tag poses by itself, from the model's shape or, where its
-// load finds no balance, that without load. Pressures outside the limits count as at them: they
-// are but a start.
-// @throws CallerError where the scene has no tags or has tendons, io::DocumentError on faulty
-// data.
-std::vector<FittedCapture> fitCaptures(const io::Scene& scene, const io::DataSet& data) {
-  refuseIf(!scene.tags, data.path, " holds tag poses, but scene ", scene.name,
-           " has no tags; expected a scene with a section tags");
-  requirePressureDriven(scene);
-  estimation::TwistFitter fitter(*scene.tags, scene.arm.sectionCount(), scene.vision.fit);
-  const std::map<int, statics::PointLoad> payloads = procedures::payloadsOf(scene, data);
-  std::vector<FittedCapture> captures;
-  for (const io::TagPoseCapture& measured :
-       io::loadTagPoses(data, scene.arm.actuatorCount(), scene.X_BF)) {
-    FittedCapture& capture = captures.emplace_back();
-    capture.number = measured.number;
-    capture.pressure = measured.pressure;
-    for (const io::TagPose& tag : measured.tags) {
-      const int index = scene.tags->find(tag.id);
-      if (index < 0) {
-        capture.unknown_tags.push_back(tag.id);
-      } else {
-        capture.seen.push_back({index, tag.X_BT});
-      }
-    }
-    const Eigen::VectorXd pressure = scene.arm.clamped(measured.pressure);
-    const auto load = payloads.find(measured.number);
-    capture.model = procedures::modelUnder(
-                        scene, load == payloads.end() ? std::nullopt : std::optional(load->second))
-                        .solve(pressure);
-    const model::Shape start = statics::startingShape(scene.model, capture.model, pressure);
-    take(scene, fitter.fitCold(capture.seen, start), capture);
-  }
-  compareScatter(scene.vision.fit.planar, captures);
   return captures;
 }
 
-// Likewise of corners, whose tags are measured where the shape that fits them has them.
-// @throws as procedures::loadCaptures().
-std::vector<FittedCapture> fitCorners(const io::Scene& scene, const io::DataSet& data) {
-  requirePressureDriven(scene);
-  const procedures::LoadedCaptures read = procedures::loadCaptures(scene, data);
-  estimation::TwistFitter fitter(*scene.tags, scene.arm.sectionCount(), scene.vision.fit);
-  std::vector<FittedCapture> captures;
-  for (const estimation::Capture& measured : read.captures) {
-    FittedCapture& capture = captures.emplace_back();
-    capture.number = measured.number;
-    capture.pressure = measured.pressure;
-    capture.unknown_tags = read.unknown_ids;
-    capture.model = procedures::modelUnder(scene, measured.payload).solve(measured.pressure);
-    const auto& seen = std::get<std::vector<estimation::CornerObservation>>(measured.reading);
-    const estimation::TwistFit& fit =
-        fitter.fitCold(seen, scene.X_CB(), scene.camera->model.focal(),
-                       statics::startingShape(scene.model, capture.model, measured.pressure));
-    for (const estimation::CornerObservation& tag : seen) capture.seen.push_back({tag.tag, {}});
-    take(scene, fit, capture);
-    if (!capture.fit) {
-      capture.seen.clear();
-      continue;
-    }
-    const std::vector<lie::SE3> places = estimation::tagPoses(*scene.tags, fit.shape);
-    for (auto& tag : capture.seen) tag.X_BT = fit.X_B0B * places[tag.tag];
+// The tags of a capture; corners are where the shape that fits them has its tags.
+PosesOfTags tagsOf(const io::Scene& scene, const FittedCapture& capture) {
+  if (const auto* poses = std::get_if<PosesOfTags>(&capture.measured.reading)) return *poses;
+  if (!capture.fit) return {};
+  const std::vector<lie::SE3> places = estimation::tagPoses(*scene.tags, capture.fit->shape);
+  PosesOfTags out;
+  for (const auto& tag : std::get<CornersOfTags>(capture.measured.reading)) {
+    out.push_back({tag.tag, capture.fit->X_B0B * places[tag.tag]});
   }
-  return captures;
+  return out;
 }
 
 // The report that fit and evaluate give alike of a capture.
 json captureJson(const FittedCapture& capture, const TagLayout& layout) {
-  return {{"capture", capture.number},
-          {"pressure_pa", toJson(capture.pressure)},
+  return {{"capture", capture.measured.number},
+          {"pressure_pa", capture.measured.pressure},
           {"status", estimation::nameOf(capture.status)},
           {"converged", capture.converged()},
           {"reason", textOrNull(capture.reason)},
@@ -189,7 +174,7 @@ void addNotes(const std::vector<FittedCapture>& captures,
     }
     const std::string note = noteOn(capture.model);
     if (note.empty()) continue;
-    shown["notes"].push_back("capture " + std::to_string(capture.number) + ": " + note);
+    shown["notes"].push_back("capture " + std::to_string(capture.measured.number) + ": " + note);
   }
 }
 
@@ -227,7 +212,7 @@ struct CaptureOptions {
 json fittedJson(const FittedCapture& capture, const TagLayout& layout) {
   json result = captureJson(capture, layout);
   result["tags"] = json::array();
-  result["usual_rms_m"] = toJson(capture.usual_rms);
+  result["usual_rms_m"] = capture.usual_rms;
   for (const char* key : {"twist", "covariance", "rms_m", "tip", "base"}) result[key] = nullptr;
   if (capture.fit) {
     const estimation::TwistFit& fit = *capture.fit;
@@ -237,11 +222,11 @@ json fittedJson(const FittedCapture& capture, const TagLayout& layout) {
               {"weight", tag.weight},
               {"outlier", tag.outlier}};
     });
-    result["twist"] = toJson(fit.twists);
-    result["covariance"] = rowsJson(fit.covariance);
+    result["twist"] = fit.twists.transpose();
+    result["covariance"] = fit.covariance;
     result["rms_m"] = fit.rms;
-    result["tip"] = toJson(measuredTip(fit));
-    result["base"] = toJson(fit.X_B0B);
+    result["tip"] = measuredTip(fit);
+    result["base"] = fit.X_B0B;
   }
   return result;
 }
@@ -254,54 +239,37 @@ json reportOf(const io::Scene& scene, const std::vector<FittedCapture>& captures
   for (const FittedCapture& capture : captures) {
     list.push_back(fittedJson(capture, *scene.tags));
     if (capture.sound()) rms.push_back(capture.fit->rms);
-    const bool unexplained = capture.status == estimation::FitStatus::kUnexplained;
+    const bool unexplained = capture.status == FitStatus::kUnexplained;
     if (unexplained || capture.usual_rms || (capture.fit && capture.fit->outliers() > 0)) {
-      flagged.push_back(capture.number);
+      flagged.push_back(capture.measured.number);
     }
     unknown.insert(capture.unknown_tags.begin(), capture.unknown_tags.end());
   }
   return {{"scene", scene.name},
           {"captures", list},
-          {"median_rms_m", toJson(median(std::move(rms)))},
+          {"median_rms_m", median(std::move(rms))},
           {"flagged_captures", flagged},
           {"unknown_tags", unknown},
-          {"suspects", suspectsJson(suspects)},
+          {"suspects", suspects},
           {"reason", textOrNull(reasonForNoFit(captures))}};
 }
 
-// Twists, covariance and residuals; empty cells where there is no fit.
-void appendFit(const json& capture, const TagLayout& layout, int sections, CsvTable::Row& row) {
-  appendTwists(capture["twist"], sections, row);
-  const auto size = static_cast<std::size_t>(6 * sections);
-  const json& covariance = capture["covariance"];
-  for (std::size_t i = 0; i < size; ++i) {
-    for (std::size_t j = i; j < size; ++j) {
-      row.emplace_back("covariance_" + std::to_string(i + 1) + "_" + std::to_string(j + 1),
-                       covariance.is_null() ? "" : exact(covariance[i][j].get<double>()));
+// With a column for the residual of each tag of the scene.
+void printTable(const io::Scene& scene, json report, std::ostream& out) {
+  Columns columns = {"capture",      "status",      "converged",    "pressure_pa", "rms_m",
+                     "outlier_tags", "usual_rms_m", "unknown_tags", "twist",       "covariance"};
+  for (const auto& placed : scene.tags->tags) {
+    const std::string column = "tag_" + std::to_string(placed.id) + "_residual_m";
+    columns.push_back(column);
+    for (json& capture : report["captures"]) {
+      capture[column] = nullptr;
+      for (const json& tag : capture["tags"]) {
+        if (tag["id"] == placed.id) capture[column] = tag["residual_m"];
+      }
     }
   }
-  for (const auto& placed : layout.tags) {
-    row.emplace_back("tag_" + std::to_string(placed.id) + "_residual_m", "");
-    for (const json& tag : capture["tags"]) {
-      if (tag["id"] == placed.id) row.back().second = exact(tag["residual_m"].get<double>());
-    }
-  }
-}
-
-// The table, after comments that are printed at once.
-CsvTable csvTable(const io::Scene& scene, const json& report) {
-  std::vector<const char*> figures;
-  if (!report["median_rms_m"].is_null()) figures.push_back("median_rms_m");
-  printComments(report, figures);
-  CsvTable table;
-  for (const json& capture : report["captures"]) {
-    CsvTable::Row row = cellsOf(capture, {"capture", "status", "converged", "pressure_pa", "rms_m",
-                                          "outlier_tags", "usual_rms_m", "unknown_tags"});
-    appendFit(capture, *scene.tags, scene.arm.sectionCount(), row);
-    row.push_back(cellsOf(capture, {"model_status"}).front());
-    table.add(row);
-  }
-  return table;
+  columns.push_back("model_status");
+  printCsv(report, {columns, "captures", {"median_rms_m", "reason"}, &scene.arm}, out);
 }
 
 // The report without the residuals of single tags, and with what it means.
@@ -324,13 +292,14 @@ int runFit(const CaptureOptions& options, const GlobalOptions& global) {
   const io::DataSet data = io::loadDataSet(options.data);
   const std::vector<FittedCapture> captures = fitCaptures(scene, data);
   std::vector<estimation::Capture> seen;
-  for (const FittedCapture& one : captures) seen.push_back({one.number, one.pressure, one.seen});
+  for (const FittedCapture& one : captures) seen.push_back(one.measured);
   const std::vector<estimation::Suspect> suspects = procedures::tagSuspectsOf(scene, seen);
   json report = reportOf(scene, captures, suspects);
   report["missing_columns"] = missingColumns(scene, data);
   json shown = shownOf(scene, captures, report);
   for (const std::string& text : procedures::textsOf(suspects)) shown["notes"].push_back(text);
-  printResult(global.format, report, shown, [&] { return csvTable(scene, report); });
+  printResult(global.format, report, shown,
+              [&](std::ostream& out) { printTable(scene, report, out); });
   return report["reason"].is_null() ? kDone : kNotPossible;
 }
 
@@ -340,7 +309,7 @@ std::optional<double> tagDistance(const io::Scene& scene, const FittedCapture& c
   const std::vector<int> outliers = capture.outlierTags(*scene.tags);
   double square = 0;
   int count = 0;
-  for (const estimation::PoseObservation& seen : capture.seen) {
+  for (const estimation::PoseObservation& seen : tagsOf(scene, capture)) {
     const int id = scene.tags->tags[seen.tag].id;
     if (std::find(outliers.begin(), outliers.end(), id) != outliers.end()) continue;
     square += (model[seen.tag].translation - seen.X_BT.translation).squaredNorm();
@@ -357,10 +326,9 @@ json comparisonOf(const io::Scene& scene, const std::vector<FittedCapture>& fitt
     return error ? json(100 * *error / arm_length) : json();
   };
   // Too few tags for a shape, such as one at the tip, have places nevertheless.
-  const bool only_places =
-      std::all_of(fitted.begin(), fitted.end(), [](const FittedCapture& capture) {
-        return capture.status == estimation::FitStatus::kUnderdetermined;
-      });
+  const bool only_places = std::all_of(
+      fitted.begin(), fitted.end(),
+      [](const FittedCapture& capture) { return capture.status == FitStatus::kUnderdetermined; });
   json captures = json::array();
   std::vector<double> rms, tip_errors;  // of the valid captures [m]
   for (const FittedCapture& capture : fitted) {
@@ -376,11 +344,11 @@ json comparisonOf(const io::Scene& scene, const std::vector<FittedCapture>& fitt
       if (capture.sound()) tip_errors.push_back(*tip);
     }
     captures.push_back(captureJson(capture, *scene.tags));
-    captures.back().update({{"rms_m", toJson(tags)},
-                            {"tip_error_m", toJson(tip)},
+    captures.back().update({{"rms_m", tags},
+                            {"tip_error_m", tip},
                             {"tip_error_percent", percent(tip)},
                             {fit_rms, capture.fit ? json(capture.fit->rms) : json()},
-                            {"usual_fit_rms_m", toJson(capture.usual_rms)}});
+                            {"usual_fit_rms_m", capture.usual_rms}});
   }
   const std::optional<double> tip_error = median(tip_errors);
   std::string reason = rms.empty() ? reasonForNoFit(fitted) : "";
@@ -394,34 +362,30 @@ json comparisonOf(const io::Scene& scene, const std::vector<FittedCapture>& fitt
   return {{"scene", scene.name},
           {"tier", statics::nameOf(scene.model.choice().setting.tier)},
           {"captures", captures},
-          {"median_rms_m", toJson(median(rms))},
+          {"median_rms_m", median(rms)},
           {"median_tip_error_percent", percent(tip_error)},
           {"arm_length_m", arm_length},
           {"reason", textOrNull(reason)}};
 }
 
 // Compares the model's tags and tip with measured tag poses or corners, and prints it. @return the
-// exit code. @throws as fitCaptures() or fitCorners() does, and io::DocumentError with every
+// exit code. @throws as fitCaptures(), and io::DocumentError with every
 // pressure outside the limits.
 int evaluateTags(const io::Scene& scene, const io::DataSet& data, Format format) {
   procedures::pressuresWithinLimits(data, scene.arm);
-  const bool corners = data.find("x1_px") >= 0;
-  const std::vector<FittedCapture> captures =
-      corners ? fitCorners(scene, data) : fitCaptures(scene, data);
-  json report = comparisonOf(scene, captures, corners ? "fit_rms_px" : "fit_rms_m");
+  const std::vector<FittedCapture> captures = fitCaptures(scene, data);
+  json report = comparisonOf(scene, captures, data.find("x1_px") >= 0 ? "fit_rms_px" : "fit_rms_m");
   report["missing_columns"] = missingColumns(scene, data);
   json shown = without(report, {"converged", "usual_fit_rms_m"});
   const auto noteOn = [](const statics::Solution& model) {
     return model.converged() ? "" : reasonForNoShape(model.status);
   };
   addNotes(captures, noteOn, shown);
-  const auto table = [&report] {
-    printComments(report, {"median_rms_m", "median_tip_error_percent"});
-    return CsvTable(report["captures"],
-                    {"capture", "status", "pressure_pa", "rms_m", "tip_error_m",
-                     "tip_error_percent", "outlier_tags", "unknown_tags", "model_status"});
-  };
-  printResult(format, report, shown, table);
+  printResult(format, report, shown,
+              Csv{{"capture", "status", "pressure_pa", "rms_m", "tip_error_m", "tip_error_percent",
+                   "outlier_tags", "unknown_tags", "model_status"},
+                  "captures",
+                  {"median_rms_m", "median_tip_error_percent", "reason"}});
   return report["reason"].is_null() ? kDone : kNotPossible;
 }
 
@@ -444,37 +408,33 @@ int evaluateCurvature(const io::Scene& scene, const io::DataSet& data, Format fo
   int count = 0;
   for (Eigen::Index row = 0; row < pressures.rows(); ++row) {
     const statics::Solution solution = scene.model.solve(pressures.row(row));
-    json model, difference;
+    double model = std::nan("");
     if (solution.converged()) {
-      const double curvature = model::curvatureOf(solution.shape.twists().col(0));
-      const double off = curvature - measured[row];
-      model = curvature;
-      difference = off;
-      square += off * off;
-      most = std::max(most, std::abs(off));
+      model = model::curvatureOf(solution.shape.twists().col(0));
+      square += std::pow(model - measured[row], 2);
+      most = std::max(most, std::abs(model - measured[row]));
       ++count;
     } else if (reason.is_null()) {
       reason = "row " + std::to_string(row + 1) + ": " + reasonForNoShape(solution.status);
     }
-    points.push_back({{"pressure_pa", toJson(pressures.row(row))},
+    points.push_back({{"pressure_pa", pressures.row(row)},
                       {"measured_rad", measured[row]},
                       {"model_rad", model},
-                      {"difference_rad", difference}});
+                      {"difference_rad", model - measured[row]}});
   }
   const json report{{"scene", scene.name},
                     {"tier", statics::nameOf(scene.model.choice().setting.tier)},
-                    {"rms_rad", count > 0 ? json(std::sqrt(square / count)) : json()},
-                    {"max_rad", count > 0 ? json(most) : json()},
+                    {"rms_rad", std::sqrt(square / count)},
+                    {"max_rad", valueIf(count > 0, most)},
                     {"reason", reason},
                     {"missing_columns", missingColumns(scene, data)},
                     {"points", without(points, {"difference_rad"})}};
   json shown = report;
   shown["points"] = points;
-  const auto table = [&] {
-    printComments(report, {"rms_rad", "max_rad"});
-    return CsvTable(points, {"pressure_pa", "measured_rad", "model_rad", "difference_rad"});
-  };
-  printResult(format, report, shown, table);
+  const Csv csv{{"pressure_pa", "measured_rad", "model_rad", "difference_rad"},
+                "points",
+                {"rms_rad", "max_rad", "reason"}};
+  printResult(format, report, shown, [&](std::ostream& out) { printCsv(shown, csv, out); });
   return reason.is_null() ? kDone : kNotPossible;
 }
 
@@ -483,9 +443,9 @@ json residualJson(const estimation::SeriesResidual& one) {
            {"rms_m", one.rms},
            {"rms_without_offset_m", one.rms_about_offset},
            {"worst_m", one.worst},
-           {"rms_at_rest_m", numberOrNull(one.rms_at_rest)},
-           {"rms_in_motion_m", numberOrNull(one.rms_in_motion)},
-           {"offset_m", toJson(one.offset)}};
+           {"rms_at_rest_m", one.rms_at_rest},
+           {"rms_in_motion_m", one.rms_in_motion},
+           {"offset_m", one.offset}};
   if (!std::isnan(one.rms_turn)) out["rms_rad"] = one.rms_turn;
   return out;
 }
@@ -505,8 +465,8 @@ json plotOf(const io::Scene& scene, const procedures::ResponseSeries& tips,
     const Eigen::VectorXd off = found.deviation.row(static_cast<Eigen::Index>(k)).transpose();
     time.push_back(tips.history.time[static_cast<std::size_t>(found.rows[k])]);
     trial.push_back(basics::printable(tips.trials[static_cast<std::size_t>(current)]));
-    measured.push_back(toJson(seen));
-    model.push_back(toJson(Eigen::VectorXd(seen + off)));
+    measured.push_back(seen);
+    model.push_back(Eigen::VectorXd(seen + off));
   }
   return {{"scene", scene.name},
           {"series",
@@ -532,30 +492,28 @@ int evaluateSeries(const io::Scene& scene, const io::DataSet& data, const Captur
   const bool solved = found.deviation.allFinite();
   json report{{"scene", scene.name},
               {"tier", statics::nameOf(scene.model.choice().setting.tier)},
-              {"reason", solved ? json()
-                                : json("the model finds no shape under its load at some pressures; "
-                                       "check load and stiffness of the scene")}};
+              {"reason", valueIf(!solved,
+                                 "the model finds no shape under its load at some pressures; check "
+                                 "load and stiffness of the scene")}};
   report.update(residualJson(found.all));
-  report["baseline_rms_m"] = numberOrNull(found.baseline_rms);
+  report["baseline_rms_m"] = found.baseline_rms;
   report["trials"] = trials;
   report["missing_columns"] = missingColumns(scene, data);
   report["png"] = solved ? textOrNull(options.png) : json();
   if (!options.png.empty() && solved) {
     procedures::drawReport(plotOf(scene, tips, found).dump(), options.png, "leave out --png");
   }
-  const auto table = [&] {
-    printComments(report, {"rms_m", "baseline_rms_m", "rms_without_offset_m", "worst_m"});
-    std::vector<const char*> columns{
-        "trial",   "rows",          "rms_m",           "rms_without_offset_m",
-        "worst_m", "rms_at_rest_m", "rms_in_motion_m", "offset_m"};
-    if (report.contains("rms_rad")) columns.push_back("rms_rad");
-    return CsvTable(trials, columns);
-  };
+  Columns columns{"trial",   "rows",          "rms_m",           "rms_without_offset_m",
+                  "worst_m", "rms_at_rest_m", "rms_in_motion_m", "offset_m"};
+  if (report.contains("rms_rad")) columns.push_back("rms_rad");
   json shown = report;
   if (found.all.rms > estimation::kMostOfBaseline * found.baseline_rms) {
     shown["note"] = estimation::kBeyondBaseline;
   }
-  printResult(format, report, shown, table);
+  printResult(format, report, shown,
+              Csv{columns,
+                  "trials",
+                  {"rms_m", "baseline_rms_m", "rms_without_offset_m", "worst_m", "reason"}});
   return solved ? kDone : kNotPossible;
 }
 
@@ -563,22 +521,19 @@ int evaluateStand(const io::Scene& scene, const CaptureOptions& options, Format 
   const estimation::StandRun run = procedures::loadStand({options.data}).runs.front();
   const estimation::StandComparison found = estimation::compareStand(
       procedures::standLawOf(scene, options.contraction), run, *options.muscles);
-  json report{{"scene", scene.name},
-              {"muscles", *options.muscles},
-              {"rows", run.readings.size()},
-              {"rms_n", found.rms},
-              {"worst_n", found.residual.lpNorm<Eigen::Infinity>()},
-              {"span_n", found.span},
-              {"loop_n", toJson(found.loop)},
-              {"rows_beyond_curve", found.beyond}};
+  const json report{{"scene", scene.name},
+                    {"muscles", *options.muscles},
+                    {"rows", run.readings.size()},
+                    {"rms_n", found.rms},
+                    {"worst_n", found.residual.lpNorm<Eigen::Infinity>()},
+                    {"span_n", found.span},
+                    {"loop_n", found.loop},
+                    {"rows_beyond_curve", found.beyond}};
   json shown = report;
-  if (found.beyond > 0) {
-    shown["note"] = "pressures beyond the scene's curve count as its end";
-  }
-  printResult(format, report, shown, [&] {
-    return CsvTable(json::array({report}), {"rms_n", "worst_n", "span_n", "loop_n", "rows",
-                                            "muscles", "rows_beyond_curve"});
-  });
+  if (found.beyond > 0) shown["note"] = "pressures beyond the scene's curve count as its end";
+  printResult(
+      format, report, shown,
+      Csv{{"rms_n", "worst_n", "span_n", "loop_n", "rows", "muscles", "rows_beyond_curve"}});
   return kDone;
 }
 
@@ -603,16 +558,16 @@ int runEvaluate(const CaptureOptions& options, const GlobalOptions& global) {
 
 }  // namespace
 
-Subcommand addFit(CLI::App& app) {
-  CLI::App* command = app.add_subcommand("fit", "measured tag poses to one twist per capture");
-  const auto options = std::make_shared<CaptureOptions>();
-  addScene(*command, "SCENE", options->scene, "scene file with tags")->required();
-  addOption(*command, "TAG_POSES", options->data,
+void addFit(Commands& commands) {
+  auto [command, options] =
+      commands.add<CaptureOptions>("fit", "measured tag poses to one twist per capture", runFit);
+  addScene(command, options.scene, "scene file with tags");
+  addOption(command, "TAG_POSES", options.data,
             "data set (# comments, a header, one row per tag) with the columns capture, "
             "pressure_1_kpa .. (gauge), tag, x_m, y_m, z_m, qx, qy, qz, qw, seen from the scene's "
             "tags.frame (default: the arm's base)",
             kRequired);
-  command->footer(
+  command.footer(
       R"(json: captures [{capture, pressure_pa, status, converged, reason, model_status (unless
 converged, the search began at the shape without load), twist, covariance, rms_m (of the
 tags that fit), tip and base (fitted, relative to the base's nominal pose),
@@ -626,15 +581,14 @@ The 95 % ellipsoid of covariance, of all twists [m, rad], holds the truth in 95 
 captures, even if few tags determine the noise (chi-square with as many degrees of
 freedom as entries).
 Expected noise, robustness and whether the base is fitted: keys vision.* of the scene.)");
-  return {command, [options](const GlobalOptions& global) { return runFit(*options, global); }};
 }
 
-Subcommand addEvaluate(CLI::App& app) {
-  CLI::App* command = app.add_subcommand("evaluate", "compare the model with measurements");
-  const auto options = std::make_shared<CaptureOptions>();
-  addScene(*command, "SCENE", options->scene, "scene file")->required();
+void addEvaluate(Commands& commands) {
+  auto [command, options] =
+      commands.add<CaptureOptions>("evaluate", "compare the model with measurements", runEvaluate);
+  addScene(command, options.scene);
   addOption(
-      *command, "DATA", options->data,
+      command, "DATA", options.data,
       "data set (# comments, a header, rows) with the columns pressure_1_kpa .. (gauge; a missing "
       "one is 0) and curvature_rad (length-scaled curvature), the tag poses that fit takes, the "
       "tag "
@@ -643,16 +597,16 @@ Subcommand addEvaluate(CLI::App& app) {
       "without time_s the arm rests at each row), or a recording of bodies (time_s, NAME_x_m .. "
       "NAME_qw, or an export of Motive or Vicon); columns of a load as for calibrate",
       kRequired);
-  addPressures(*command, options->pressures);
-  addOption(*command, "--png", options->png,
+  addPressures(command, options.pressures);
+  addOption(command, "--png", options.png,
             "picture of a series: model and measurement over the time");
-  addOption(*command, "--muscles", options->muscles,
+  addOption(command, "--muscles", options.muscles,
             "the data are of a testing machine with so many equal muscles in parallel: "
             "pressure_kpa, length_m, force_n",
             CLI::Range(1, 1000));
-  addOption(*command, "--contraction", options->contraction,
+  addOption(command, "--contraction", options.contraction,
             "with --muscles: name of the muscle's curve, needed if the arm has several");
-  command->footer(R"(Curvature, json: rms_rad and max_rad of model - measured, points [{pressure_pa,
+  command.footer(R"(Curvature, json: rms_rad and max_rad of model - measured, points [{pressure_pa,
 measured_rad, model_rad}], tier, reason (if the model finds no shape under its load:
 model_rad is null there, exit code 1).
 Tag poses or corners, json: captures [{capture, pressure_pa, status (of the fit), converged,
@@ -673,8 +627,6 @@ With --muscles, json: rms_n and worst_n of model - measured, span_n (of the meas
 forces), loop_n (width of the hysteresis loop, in force), rows, rows_beyond_curve (at
 pressures beyond the scene's curve), muscles.
 csv: the summary as # comments, then one row per point, capture or trial.)");
-  return {command,
-          [options](const GlobalOptions& global) { return runEvaluate(*options, global); }};
 }
 
 }  // namespace helix_arm::cli

@@ -1,11 +1,7 @@
 #include "measurements.hpp"
 
-#include <algorithm>
 #include <iostream>
-#include <string>
-#include <vector>
 
-#include "arguments.hpp"
 #include "command.hpp"
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/number.hpp"
@@ -86,10 +82,10 @@ void addPressures(CLI::App& command, procedures::RecordedPressures& pressures) {
       ->type_name("S");
 }
 
-nlohmann::json missingColumns(const io::Scene& scene, const io::DataSet& data) {
+json missingColumns(const io::Scene& scene, const io::DataSet& data) {
   const int actuators = scene.arm.actuatorCount();
   const std::string warning = io::missingText(data, actuators);
-  if (warning.empty()) return nlohmann::json::array();
+  if (warning.empty()) return json::array();
   std::cerr << "warning: " << warning << "\n";
   return io::missingPressures(data, actuators);
 }
@@ -112,15 +108,15 @@ std::string noteOnResponse(const model::Arm& arm) {
 }
 
 void addResponse(const model::Arm& arm, const model::ArmResponse& response, Eigen::Index rows,
-                 nlohmann::json& result) {
+                 json& result) {
   if (response.instant()) return;
-  nlohmann::json& out = result["response"];
+  json& out = result["response"];
   out["history_rows"] = rows;
   out["memory_known"] = rows > 0 && response.known();
-  out["half_width_pa"] = toJson(halfWidths(arm));
+  out["half_width_pa"] = halfWidths(arm);
   if (const double rest = response.restTime(); rest > 0) out["rest_time_s"] = rest;
-  out["uncertainty_pa"] = toJson(response.uncertainty(arm));
-  out["note"] = rows > 0 ? nlohmann::json() : nlohmann::json(noteOnResponse(arm));
+  out["uncertainty_pa"] = response.uncertainty(arm);
+  out["note"] = rows > 0 ? json() : json(noteOnResponse(arm));
 }
 
 io::DataSet tableOf(const std::string& path) {

@@ -1,15 +1,9 @@
 #pragma once
 
-#include <Eigen/Core>
-#include <optional>
-#include <string>
-#include <vector>
-
+#include "command.hpp"
 #include "helix_arm/io/data_set.hpp"
-#include "helix_arm/io/scene.hpp"
 #include "helix_arm/localization/twist_fit.hpp"
 #include "helix_arm/procedures/body_recording.hpp"
-#include "output.hpp"
 
 namespace helix_arm::cli {
 
@@ -37,7 +31,7 @@ inline constexpr char kHistoryHelp[] =
 /// The history of a file. @throws CallerError if the arm has tendons, io::DocumentError on faults.
 /// Prints a warning on stderr if the data set has no column for some pressures, which count as 0.
 /// @return their names, for a result's `missing_columns`.
-nlohmann::json missingColumns(const io::Scene& scene, const io::DataSet& data);
+json missingColumns(const io::Scene& scene, const io::DataSet& data);
 
 model::InputHistory historyOfFile(const io::Scene& scene, const std::string& path);
 
@@ -48,7 +42,7 @@ std::string noteOnResponse(const model::Arm& arm);
 /// nothing for an arm without responses.
 /// @param rows  of the history; 0 without one.
 void addResponse(const model::Arm& arm, const model::ArmResponse& response, Eigen::Index rows,
-                 nlohmann::json& result);
+                 json& result);
 
 /// Adds `--pressures` and `--offset-s`, for recordings of bodies.
 void addPressures(CLI::App& command, procedures::RecordedPressures& pressures);

@@ -1,27 +1,19 @@
-#include <cmath>
 #include <iostream>
-#include <memory>
 #include <sstream>
 #include <stdexcept>
 
-#include "arguments.hpp"
 #include "command.hpp"
-#include "helix_arm/basics/text.hpp"
 #include "helix_arm/dynamics/arm_motion.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/procedures/report_plot.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
 #include "measurements.hpp"
-#include "output.hpp"
 
 namespace helix_arm::cli {
 namespace {
 
-using nlohmann::json;
-
 constexpr model::Range kStep{1e-6, 0.1}, kEvery{1e-6, 1e6};
 constexpr double kRounding = 1e-9;  // of a time, in intervals of the output
-constexpr double kQuiet = 2.0;      // work before the progress is told [s]
 
 struct MotionArguments {
   std::string scene, pressures, out, png, start = "rest";
@@ -89,17 +81,12 @@ Motion move(const dynamics::ArmMotion& arm, const MotionArguments& arguments,
   motion.time = timesOf(series, arguments.every);
   const InterruptWatch watch;
   const double begin = regulator::steadyNow();
-  std::size_t tenths = 0;
+  Progress progress("motion", motion.time.back(), " s");
   motion.summary = arm.follow(
       series, arguments.start == "rest" ? dynamics::Start::kRest : dynamics::Start::kStraight,
       motion.time, [&](std::size_t i, const lie::SE3& tip) {
         motion.tip.push_back(tip);
-        const std::size_t now = 10 * i / motion.time.size();
-        if (now > tenths && regulator::steadyNow() - begin > kQuiet) {
-          std::cerr << motion.time[i] << " of " << motion.time.back() << " s\n";
-        }
-        tenths = now;
-        return !interrupted();
+        return progress.reached(motion.time[i]);
       });
   motion.seconds = regulator::steadyNow() - begin;
   return motion;
@@ -109,11 +96,11 @@ std::string csvOf(const io::Scene& scene, const Motion& motion) {
   std::ostringstream out;
   out << "# Motion of the tip of scene " << scene.name
       << ", seen from the arm's base: position [m], unit quaternion.\n";
+  CsvTable table(out, {"time_s", "position_m", "quaternion_xyzw"});
   for (std::size_t i = 0; i < motion.tip.size(); ++i) {
-    CsvTable::Row row{{"time_s", exact(motion.time[i])}};
-    appendPose("", toJson(motion.tip[i]), row);
-    if (i == 0) CsvTable::printNames(row, out);
-    CsvTable::printValues(row, out);
+    json row = motion.tip[i];
+    row["time_s"] = motion.time[i];
+    table.add(row);
   }
   return out.str();
 }
@@ -122,30 +109,29 @@ json reportOf(const io::Scene& scene, const MotionArguments& arguments, const Mo
               const json& vibrations) {
   const dynamics::Energy& energy = motion.summary.energy;
   const double moved = motion.time.back() - motion.time.front();
-  json report{{"scene", scene.name},
-              {"order", arguments.order.value_or(scene.dynamics.order)},
-              {"step_s", arguments.step.value_or(scene.dynamics.step)},
-              {"start", arguments.start},
-              {"rows", motion.tip.size()},
-              {"duration_s", moved},
-              {"real_time_factor", motion.seconds > 0 ? json(moved / motion.seconds) : json()},
-              {"steps", motion.summary.steps},
-              {"energy_j",
-               {{"kinetic", energy.kinetic},
-                {"elastic", energy.elastic},
-                {"potential", energy.potential},
-                {"dissipated", energy.dissipated},
-                {"work", energy.work}}},
-              {"tip", toJson(motion.tip.back())},
-              {"vibrations", vibrations},
-              {"out", textOrNull(arguments.out)},
-              {"png", textOrNull(arguments.png)}};
-  return report;
+  return {{"scene", scene.name},
+          {"order", arguments.order.value_or(scene.dynamics.order)},
+          {"step_s", arguments.step.value_or(scene.dynamics.step)},
+          {"start", arguments.start},
+          {"rows", motion.tip.size()},
+          {"duration_s", moved},
+          {"real_time_factor", motion.seconds > 0 ? json(moved / motion.seconds) : json()},
+          {"steps", motion.summary.steps},
+          {"energy_j",
+           {{"kinetic", energy.kinetic},
+            {"elastic", energy.elastic},
+            {"potential", energy.potential},
+            {"dissipated", energy.dissipated},
+            {"work", energy.work}}},
+          {"tip", motion.tip.back()},
+          {"vibrations", vibrations},
+          {"out", textOrNull(arguments.out)},
+          {"png", textOrNull(arguments.png)}};
 }
 
 void draw(const io::Scene& scene, const Motion& motion, const std::string& png) {
   json position = json::array();
-  for (const lie::SE3& tip : motion.tip) position.push_back(toJson(tip.translation));
+  for (const lie::SE3& tip : motion.tip) position.push_back(tip.translation);
   const json report{{"scene", scene.name},
                     {"series",
                      {{"time_s", motion.time},
@@ -171,42 +157,40 @@ int run(const MotionArguments& arguments, const GlobalOptions& global) {
   }
   const Eigen::VectorXd last = series.input.row(series.input.rows() - 1);
   const json report = reportOf(scene, arguments, motion, vibrationsAt(arm, last));
-  printResult(global.format, report, report, [&report] {
-    return cellsOf(report, {"rows", "duration_s", "real_time_factor", "steps"});
-  });
+  printResult(global.format, report, report,
+              Csv{{"rows", "duration_s", "real_time_factor", "steps"}});
   return kDone;
 }
 
 }  // namespace
 
-Subcommand addMotion(CLI::App& app) {
-  CLI::App* command = app.add_subcommand(
-      "motion", "pressures over time to the motion of the tip, with the arm's inertia");
-  const auto arguments = std::make_shared<MotionArguments>();
-  addScene(*command, "SCENE", arguments->scene, "scene file")->required();
-  addOption(*command, "PRESSURES", arguments->pressures,
+void addMotion(Commands& commands) {
+  auto [command, arguments] = commands.add<MotionArguments>(
+      "motion", "pressures over time to the motion of the tip, with the arm's inertia", run);
+  addScene(command, arguments.scene);
+  addOption(command, "PRESSURES", arguments.pressures,
             "table with the columns time_s and pressure_1_kpa .. (or pressure_1_pa .., or input_1 "
             ".. in SI units), linear between its rows; stdin where it is -",
             kRequired);
-  addOption(*command, "--out", arguments->out,
+  addOption(command, "--out", arguments.out,
             "table to write: time_s, x_m, y_m, z_m, qx, qy, qz, qw; default: stdout",
             TypeName{"FILE"});
-  addOption(*command, "--every-s", arguments->every, "time between its rows [s]", TypeName{"S"},
+  addOption(command, "--every-s", arguments.every, "time between its rows [s]", TypeName{"S"},
             within(kEvery), kShowDefault);
-  addOption(*command, "--step-s", arguments->step,
+  addOption(command, "--step-s", arguments.step,
             "longest step of the integration [s]; default: the scene's dynamics.step_s",
             TypeName{"S"}, within(kStep));
-  addOption(*command, "--order", arguments->order,
+  addOption(command, "--order", arguments.order,
             "degree of the strain along each section, 0: constant; default: the scene's "
             "dynamics.order",
             CLI::Range(0, dynamics::kMostOrder));
-  addOption(*command, "--start", arguments->start,
+  addOption(command, "--start", arguments.start,
             "rest: in equilibrium under load at the pressures of the first row; straight: at "
             "natural length",
             CLI::IsMember({"rest", "straight"}), kShowDefault);
-  addOption(*command, "--png", arguments->png, "picture of the tip's coordinates over time",
+  addOption(command, "--png", arguments.png, "picture of the tip's coordinates over time",
             TypeName{"FILE"});
-  command->footer(
+  command.footer(
       R"(The equations: docs/motion.md. The scene needs load.mass_kg; its key dynamics has damping.
 json: scene, order, step_s, start, rows, duration_s, real_time_factor (of the time moved
 over that of the computation), steps, energy_j {kinetic, elastic, potential (since the
@@ -214,7 +198,6 @@ start), dissipated, work (of the actuators, with the elastic energy at the start
 end, where kinetic + elastic + potential + dissipated = work, tip, vibrations
 [{frequency_hz, damping}] (of small motions about the rest at the last pressures, slowest
 first; null if there is none), out, png (null if absent). text, csv: the motion; with --out a summary. Progress is printed on stderr.)");
-  return {command, [arguments](const GlobalOptions& global) { return run(*arguments, global); }};
 }
 
 }  // namespace helix_arm::cli

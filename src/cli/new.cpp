@@ -1,33 +1,23 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
-#include <cmath>
 #include <exception>
 #include <filesystem>
 #include <iostream>
-#include <memory>
-#include <optional>
-#include <variant>
-#include <vector>
 
 #include <unistd.h>
 
-#include "arguments.hpp"
 #include "command.hpp"
 #include "helix_arm/basics/pi.hpp"
 #include "helix_arm/calibration/series_fit.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/io/regulator_profile.hpp"
-#include "helix_arm/io/scene.hpp"
 #include "helix_arm/procedures/captures.hpp"
 #include "helix_arm/procedures/report_plot.hpp"
 #include "helix_arm/procedures/response_series.hpp"
-#include "output.hpp"
 
 namespace helix_arm::cli {
 namespace {
-
-using nlohmann::json;
 
 // An arm as its builder describes it. scripts/new_scene asks for it, says what fits, and writes the
 // scene.
@@ -124,7 +114,7 @@ json profileOf(const NewArm& arm) {
                     {"has_addresses",
                      serial != nullptr && serial->write.find("{address}") != std::string::npos},
                     {"highest_kpa", io::kilopascals(device.highestPressure())},
-                    {"channels", device.channels ? json(*device.channels) : json()}};
+                    {"channels", device.channels}};
       },
       profile);
 }
@@ -304,7 +294,8 @@ void check(NewArguments& arguments) {
   sceneOf(plain, NewArm(), false);
 }
 
-int run(NewArguments& arguments, const GlobalOptions& global) {
+int run(const NewArguments& given, const GlobalOptions& global) {
+  NewArguments arguments = given;
   refuseIf(!global.overrides.empty(),
            "--set changes a key of a scene, and new writes one; leave out --set");
   NewArm& arm = arguments.arm;
@@ -340,58 +331,55 @@ int run(NewArguments& arguments, const GlobalOptions& global) {
                             arguments.out + " " + arguments.recording +
                             " --fit stiffness,contraction,base,response --out fitted.yaml");
   shown["notes"] = notes;
-  printResult(global.format, report, shown, [&report] {
-    return cellsOf(report, {"scene", "actuators", "tags", "regulator", "out"});
-  });
+  printResult(global.format, report, shown,
+              Csv{{"scene", "actuators", "tags", "regulator", "out"}});
   return kDone;
 }
 
 }  // namespace
 
-Subcommand addNew(CLI::App& app) {
-  CLI::App* command = app.add_subcommand("new", "write a commented scene file of a new arm");
-  const auto arguments = std::make_shared<NewArguments>();
-  arguments->command = command;
-  NewArm& arm = arguments->arm;
-  addOption(*command, "--out", arguments->out, "scene file to write; its stem is the scene's name",
+void addNew(Commands& commands) {
+  auto [command, arguments] =
+      commands.add<NewArguments>("new", "write a commented scene file of a new arm", run);
+  arguments.command = &command;
+  NewArm& arm = arguments.arm;
+  addOption(command, "--out", arguments.out, "scene file to write; its stem is the scene's name",
             kRequired, TypeName{"FILE.yaml"});
   for (const Figure& figure : kFigures) {
     std::visit(
         [&](auto member) {
-          addOption(*command, figure.option, arm.*member, figure.help, kShowDefault);
+          addOption(command, figure.option, arm.*member, figure.help, kShowDefault);
         },
         figure.member);
   }
   addOption(
-      *command, "--recording", arguments->recording,
+      command, "--recording", arguments.recording,
       "series of the tip, as calibrate takes it: gives the number of actuators, their highest "
       "pressure and, where it tells, whether they lengthen; the arm then has neither tags nor a "
       "regulator",
       TypeName{"FILE.csv"});
-  command->add_flag("--extending", arm.extending,
-                    "the muscles lengthen under pressure, as bellows do; without it they shorten");
-  command->add_flag(
-      "--chambers", arm.chambers,
-      "the muscles are chambers in one body of rubber, which lengthen under pressure: "
-      "no separators between them, and a stiffer bend");
-  addOption(*command, "--mounting", arm.mounting,
+  command.add_flag("--extending", arm.extending,
+                   "the muscles lengthen under pressure, as bellows do; without it they shorten");
+  command.add_flag("--chambers", arm.chambers,
+                   "the muscles are chambers in one body of rubber, which lengthen under pressure: "
+                   "no separators between them, and a stiffer bend");
+  addOption(command, "--mounting", arm.mounting,
             "where x of the arm points: hanging (-z of the world), standing (z) or lying (x)",
             CLI::IsMember({"hanging", "standing", "lying"}), kShowDefault);
-  addOption(*command, "--regulator", arm.regulator,
+  addOption(command, "--regulator", arm.regulator,
             "simulated, none, a shipped profile such as generic (the board), or the path of a "
             "profile",
             kShowDefault);
-  addOption(*command, "--device", arm.device, "serial device of a regulator on a serial line",
+  addOption(command, "--device", arm.device, "serial device of a regulator on a serial line",
             kShowDefault);
-  addOption(*command, "--host", arm.host, "name or address of a regulator on Modbus TCP",
+  addOption(command, "--host", arm.host, "name or address of a regulator on Modbus TCP",
             kShowDefault);
-  command->add_flag("--defaults", arguments->defaults,
-                    "ask nothing; without it, a terminal is asked for what no option gives");
-  command->add_flag("--force", arguments->force, "replace FILE.yaml if it exists");
-  command->footer(
+  command.add_flag("--defaults", arguments.defaults,
+                   "ask nothing; without it, a terminal is asked for what no option gives");
+  command.add_flag("--force", arguments.force, "replace FILE.yaml if it exists");
+  command.footer(
       R"(A webcam looks at the arm from the side. Each muscle carries a row of tags.
 json: scene, actuators, tags (numbers), regulator, out. csv: one row of the same.)");
-  return {command, [arguments](const GlobalOptions& global) { return run(*arguments, global); }};
 }
 
 }  // namespace helix_arm::cli

@@ -1,23 +1,16 @@
 #include "output.hpp"
 
-#include <Eigen/Geometry>
-#include <cmath>
 #include <filesystem>
 #include <iostream>
 #include <limits>
-#include <streambuf>
+#include <sstream>
 
-#include "arguments.hpp"
 #include "command.hpp"
-#include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/lie/so3.hpp"
 
 namespace helix_arm::cli {
-
-using nlohmann::json;
-
 namespace {
 
 namespace fs = std::filesystem;
@@ -36,92 +29,106 @@ bool samePlace(const std::string& one, const std::string& other) {
   return fs::weakly_canonical(fs::absolute(one)) == fs::weakly_canonical(fs::absolute(other));
 }
 
-// Passes its text on in whole lines, and what there is of one when it is flushed.
-class PrintableBuffer : public std::streambuf {
- public:
-  explicit PrintableBuffer(std::streambuf& to) : to_(to) {}
-  bool pass(std::size_t size) {
-    const std::string text = basics::printableLines(std::string_view(waiting_).substr(0, size));
-    waiting_.erase(0, size);
-    const auto count = static_cast<std::streamsize>(text.size());
-    return to_.sputn(text.data(), count) == count;
-  }
-  bool passAll() { return pass(waiting_.size()); }
-
- protected:
-  int_type overflow(int_type c) override {
-    if (traits_type::eq_int_type(c, traits_type::eof())) return traits_type::not_eof(c);
-    const char byte = traits_type::to_char_type(c);
-    return xsputn(&byte, 1) == 1 ? c : traits_type::eof();
-  }
-  std::streamsize xsputn(const char* text, std::streamsize size) override {
-    waiting_.append(text, static_cast<std::size_t>(size));
-    const std::size_t end = waiting_.rfind('\n');
-    return end == std::string::npos || pass(end + 1) ? size : 0;
-  }
-  int sync() override { return passAll() && to_.pubsync() == 0 ? 0 : -1; }
-
- private:
-  std::streambuf& to_;
-  std::string waiting_;
-};
-
-std::string cellOf(const json& value) {
+// A number or word; entries of a list in one cell, those of an object as "muscle_1=lower".
+std::string wordOf(const json& value) {
   if (value.is_null()) return "";
   if (value.is_string()) return value.get<std::string>();
   if (value.is_boolean()) return value.get<bool>() ? "1" : "0";
-  if (value.is_number_float()) return exact(value.get<double>());
-  if (!value.is_array()) return value.dump();
-  std::string cell;
-  for (const json& entry : value) cell += (cell.empty() ? "" : " ") + cellOf(entry);
-  return cell;
+  if (value.is_number_float()) {
+    return std::isfinite(value.get<double>()) ? exact(value.get<double>()) : "";
+  }
+  if (!value.is_structured()) return value.dump();
+  std::vector<std::string> words;
+  for (const json& entry : value) words.push_back(wordOf(entry));
+  return basics::joined(words, value.is_object() ? "=" : " ");
+}
+
+// The same in quotes where it needs them, by RFC 4180.
+std::string cellOf(const json& value) {
+  const std::string word = wordOf(value);
+  if (word.find_first_of(",\"\n") == std::string::npos) return word;
+  std::string cell = "\"";
+  for (const char c : word) cell += c == '"' ? "\"\"" : std::string(1, c);
+  return cell + "\"";
+}
+
+using Cells = std::vector<std::pair<std::string, std::string>>;  // names and values
+
+// The name of column i of several.
+std::string numbered(std::string name, std::size_t i) {
+  const std::size_t mark = name.find_first_of("*@");
+  if (mark == std::string::npos) return name;
+  return name.replace(mark, 1,
+                      name[mark] == '*' ? std::to_string(i + 1) : std::string(1, "xyzw"[i]));
+}
+
+void addTwists(const json& twist, const model::Arm& arm, Cells& cells) {
+  const char* const entries[] = {"vx_m", "vy_m", "vz_m", "wx_rad", "wy_rad", "wz_rad"};
+  for (std::size_t k = 0; k < static_cast<std::size_t>(arm.sectionCount()); ++k) {
+    for (std::size_t j = 0; j < 6; ++j) {
+      cells.emplace_back("section_" + std::to_string(k + 1) + "_" + entries[j],
+                         twist.is_null() ? "" : cellOf(twist[k][j]));
+    }
+  }
+}
+
+void addTriangle(const json& covariance, const model::Arm& arm, Cells& cells) {
+  const auto size = static_cast<std::size_t>(6 * arm.sectionCount());
+  for (std::size_t i = 0; i < size; ++i) {
+    for (std::size_t j = i; j < size; ++j) {
+      cells.emplace_back("covariance_" + std::to_string(i + 1) + "_" + std::to_string(j + 1),
+                         covariance.is_null() ? "" : cellOf(covariance[i][j]));
+    }
+  }
+}
+
+// The inputs of all actuators, by their own units.
+void addInputCells(const json& report, const model::Arm& arm, Cells& cells) {
+  for (const char* key : {"pressure_pa", "input", "pressures_pa"}) {
+    if (!report.contains(key)) continue;
+    for (int i = 0; i < arm.actuatorCount(); ++i) {
+      const model::DriveUnit unit = model::unitOf(arm.actuator(i).drive);
+      cells.emplace_back(basics::format("%s_%d_%s", unit.quantity, i + 1, unit.si_suffix),
+                         cellOf(report[key][static_cast<std::size_t>(i)]));
+    }
+  }
+}
+
+// Columns of the numbers of a list; `count` where there is no list.
+void addNumbers(const json& list, const std::string& name, std::size_t count, Cells& cells) {
+  for (std::size_t i = 0; i < (list.is_null() ? count : list.size()); ++i) {
+    cells.emplace_back(numbered(name, i), list.is_null() ? "" : cellOf(list[i]));
+  }
+}
+
+void addCells(const json& report, const Column& column, const model::Arm* arm, Cells& cells) {
+  const std::string& key = column.key;
+  if (key == "inputs") return addInputCells(report, *arm, cells);
+  const json& value = key.find('/') == std::string::npos ? report.at(key)
+                                                         : report.at(json::json_pointer("/" + key));
+  if (key == "twist") return addTwists(value, *arm, cells);
+  if (key == "covariance") return addTriangle(value, *arm, cells);
+  if (key == "quaternion_xyzw") return addNumbers(value, "q@", 4, cells);
+  if (key == "position_m") return addNumbers(value, "@_m", 3, cells);
+  if (key == "tip" || key == "base") {
+    const bool none = value.is_null();
+    addNumbers(none ? json() : value["position_m"], key + "_@_m", 3, cells);
+    return addNumbers(none ? json() : value["quaternion_xyzw"], key + "_q@", 4, cells);
+  }
+  std::string name = column.name.empty() ? key : column.name;
+  const bool numbers = value.is_array() && !value.empty() &&
+                       (value.front().is_number_float() || value.front().is_null());
+  if (!numbers && name.find('@') == std::string::npos) {
+    cells.emplace_back(name, cellOf(value));
+    return;
+  }
+  if (column.name.empty()) name.insert(name.rfind('_'), "_*");
+  addNumbers(value, name, 3, cells);
 }
 
 }  // namespace
 
-PrintableStream::PrintableStream(std::ostream& stream)
-    : stream_(stream),
-      filter_(std::make_unique<PrintableBuffer>(*stream.rdbuf())),
-      bare_(stream.rdbuf(filter_.get())) {}
-
-PrintableStream::~PrintableStream() {
-  static_cast<PrintableBuffer&>(*filter_).passAll();
-  stream_.rdbuf(bare_);
-}
-
-json toJson(const Eigen::VectorXd& vector) {
-  return std::vector<double>(vector.data(), vector.data() + vector.size());
-}
-
-json rowsJson(const Eigen::MatrixXd& matrix) {
-  json rows = json::array();
-  for (int i = 0; i < matrix.rows(); ++i) rows.push_back(toJson(matrix.row(i)));
-  return rows;
-}
-
-json toJson(const std::optional<double>& number) { return number ? json(*number) : json(); }
-
-json finite(double number) { return std::isfinite(number) ? json(number) : json(); }
-
-json numberOrNull(double value) { return std::isfinite(value) ? json(value) : json(); }
-
 json textOrNull(const std::string& text) { return text.empty() ? json() : json(text); }
-
-json toJson(const lie::SE3& pose) {
-  return {{"position_m", toJson(pose.translation)},
-          {"quaternion_xyzw", toJson(lie::quaternionXyzw(pose.rotation))}};
-}
-
-json suspectsJson(const std::vector<estimation::Suspect>& suspects) {
-  return listJson(suspects, [](const estimation::Suspect& one) -> json {
-    return {{"cause", one.cause},
-            {"where", one.where},
-            {"explains", one.explains},
-            {"remedy", one.remedy}};
-  });
-}
-
-json toJson(const model::Twists& twists) { return rowsJson(twists.transpose()); }
 
 std::string pressureText(const model::Arm& arm, const Eigen::VectorXd& pressure, int decimals) {
   std::vector<std::string> parts;
@@ -134,149 +141,89 @@ std::string pressureText(const model::Arm& arm, const Eigen::VectorXd& pressure,
   return basics::joined(parts);
 }
 
-json readingsJson(const Eigen::VectorXd& pressure) { return listJson(pressure, finite); }
-
 std::string limitsText(const model::Arm& arm, const std::vector<statics::Limit>& limits) {
   std::vector<std::string> parts;
-  for (int i = 0; i < arm.actuatorCount(); ++i) {
-    const statics::Limit limit = limits[static_cast<std::size_t>(i)];
-    if (limit == statics::Limit::kNone) continue;
-    parts.push_back(arm.actuator(i).name + (limit == statics::Limit::kLower ? " lower" : " upper"));
+  for (std::size_t i = 0; i < limits.size(); ++i) {
+    if (limits[i] == statics::Limit::kNone) continue;
+    const bool lower = limits[i] == statics::Limit::kLower;
+    parts.push_back(arm.actuator(static_cast<int>(i)).name + (lower ? " lower" : " upper"));
   }
   return basics::joined(parts);
 }
 
+std::vector<std::string> actuatorNames(const model::Arm& arm) {
+  std::vector<std::string> names;
+  for (int i = 0; i < arm.actuatorCount(); ++i) names.push_back(arm.actuator(i).name);
+  return names;
+}
+
 void addInputs(const model::Arm& arm, const Eigen::VectorXd& inputs, json& result) {
-  json units = json::array();
-  bool pressures = true;
-  for (int i = 0; i < arm.actuatorCount(); ++i) {
-    const model::DriveUnit unit = model::unitOf(arm.actuator(i).drive);
-    units.push_back(unit.si);
-    pressures = pressures && unit.pressure;
-  }
   result["actuators"] = actuatorNames(arm);
-  if (pressures) {
-    result["pressure_pa"] = toJson(inputs);
-  } else {
-    result["input"] = toJson(inputs);
-    result["input_unit"] = units;
+  if (!hasTendon(arm)) {
+    result["pressure_pa"] = inputs;
+    return;
   }
-}
-
-CsvTable::CsvTable(const json& reports, const std::vector<const char*>& keys) {
-  for (const json& report : reports) rows_.push_back(cellsOf(report, keys));
-}
-
-void CsvTable::print(std::ostream& out) const {
-  if (rows_.empty()) return;
-  printNames(rows_.front(), out);
-  for (const Row& row : rows_) printValues(row, out);
-}
-
-void CsvTable::printNames(const Row& row, std::ostream& out) {
-  for (std::size_t i = 0; i < row.size(); ++i) out << (i == 0 ? "" : ",") << row[i].first;
-  out << '\n';
-}
-
-void CsvTable::printValues(const Row& row, std::ostream& out) {
-  for (std::size_t i = 0; i < row.size(); ++i) out << (i == 0 ? "" : ",") << row[i].second;
-  out << '\n';
-}
-
-CsvTable::Row cellsOf(const json& report, const std::vector<const char*>& keys) {
-  CsvTable::Row row;
-  for (const std::string key : keys) {
-    const json& value = report.at(key);
-    const bool numbers = value.is_array() && !value.empty() &&
-                         (value.front().is_number_float() || value.front().is_null());
-    if (!numbers) {
-      row.emplace_back(key, cellOf(value));
-      continue;
-    }
-    const std::size_t unit = key.rfind('_');
-    for (std::size_t i = 0; i < value.size(); ++i) {
-      row.emplace_back(key.substr(0, unit) + "_" + std::to_string(i + 1) + key.substr(unit),
-                       cellOf(value[i]));
-    }
+  json units;
+  for (int i = 0; i < arm.actuatorCount(); ++i) {
+    units.push_back(model::unitOf(arm.actuator(i).drive).si);
   }
-  return row;
-}
-
-void printComments(const json& report, std::vector<const char*> keys) {
-  if (!report["reason"].is_null()) keys.push_back("reason");
-  for (const auto& [key, cell] : cellsOf(report, keys)) {
-    std::cout << "# " << key << " " << cell << "\n";
-  }
-}
-
-std::string quotedCell(const std::string& text) {
-  std::string cell = "\"";
-  for (const char c : text) cell += c == '"' ? "\"\"" : std::string(1, c);
-  return cell + "\"";
+  result["input"] = inputs;
+  result["input_unit"] = units;
 }
 
 std::string exact(double value) {
   return basics::format("%.*g", std::numeric_limits<double>::max_digits10, value);
 }
 
-std::string exact(const std::optional<double>& value) {
-  return value ? exact(*value) : std::string();
-}
-
-void appendInputs(const model::Arm& arm, const Eigen::VectorXd& inputs, CsvTable::Row& row) {
-  for (int i = 0; i < arm.actuatorCount(); ++i) {
-    const model::DriveUnit unit = model::unitOf(arm.actuator(i).drive);
-    row.emplace_back(
-        std::string(unit.quantity) + "_" + std::to_string(i + 1) + "_" + unit.si_suffix,
-        exact(inputs[i]));
+void CsvTable::add(const json& report) {
+  Cells cells;
+  for (const Column& column : columns_) addCells(report, column, arm_, cells);
+  std::string names, values;
+  for (const auto& [name, value] : cells) {
+    names += name + ',';
+    values += value + ',';
   }
+  names.back() = values.back() = '\n';
+  out_ << (std::exchange(named_, true) ? "" : names) << values;
 }
 
-void appendTwists(const json& twist, int sections, CsvTable::Row& row) {
-  const std::string entries[] = {"vx_m", "vy_m", "vz_m", "wx_rad", "wy_rad", "wz_rad"};
-  for (std::size_t k = 0; k < static_cast<std::size_t>(sections); ++k) {
-    for (std::size_t j = 0; j < 6; ++j) {
-      row.emplace_back("section_" + std::to_string(k + 1) + "_" + entries[j],
-                       twist.is_null() ? "" : cellOf(twist[k][j]));
-    }
+void printCsv(const json& report, const Csv& csv, std::ostream& out) {
+  for (const char* key : csv.comments) {
+    const std::string word = wordOf(report.at(key));
+    if (!word.empty()) out << "# " << key << " " << word << "\n";
   }
+  CsvTable table(out, csv.columns, csv.arm);
+  if (csv.rows.empty()) return table.add(report);
+  for (const json& row : report.at(csv.rows)) table.add(row);
 }
 
-void appendPose(const std::string& prefix, const json& pose, CsvTable::Row& row) {
-  const char* const entries[] = {"x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"};
-  for (std::size_t i = 0; i < 7; ++i) {
-    const char* const key = i < 3 ? "position_m" : "quaternion_xyzw";
-    row.emplace_back(prefix + entries[i],
-                     pose.is_null() ? "" : cellOf(pose[key][i < 3 ? i : i - 3]));
-  }
+std::string csvText(const std::string& comment, const json& report, const Csv& csv) {
+  std::ostringstream out;
+  out << comment;
+  printCsv(report, csv, out);
+  return out.str();
 }
 
-RowPrinter::RowPrinter(Format format, const std::string& scene) : format_(format) {
+RowPrinter::RowPrinter(Format format, const std::string& scene, const CsvTable& table,
+                       std::vector<const char*> shown)
+    : format_(format), table_(table), shown_(std::move(shown)) {
   if (format_ == Format::kJson) {
     std::cout << "{\"scene\": " << textOf(scene, kOneLine) << ", \"rows\": [";
   }
 }
 
-void RowPrinter::add(const std::string& where, const std::function<json()>& report,
-                     const std::function<CsvTable::Row()>& cells,
-                     const std::vector<const char*>& shown) {
-  if (format_ == Format::kText) {
-    const json all = report();
-    json line;
-    for (const char* key : shown) {
-      if (all.contains(key)) line[key] = all[key];
-    }
-    std::cout << where << ": " << lineOf(line) << "\n";
-  }
+void RowPrinter::add(const std::string& where, const json& report) {
+  if (format_ == Format::kCsv) return table_.add(report);
   if (format_ == Format::kJson) {
-    std::cout << (any_ ? ",\n" : "\n") << textOf(report(), kOneLine);
+    std::cout << (any_ ? ",\n" : "\n") << textOf(report, kOneLine);
+    any_ = true;
+    return;
   }
-  if (format_ == Format::kCsv) {
-    const CsvTable::Row row = cells();
-    if (!any_) CsvTable::printNames(row, std::cout);
-    CsvTable::printValues(row, std::cout);
+  json line;
+  for (const char* key : shown_) {
+    if (report.contains(key)) line[key] = report[key];
   }
-  any_ = true;
+  std::cout << where << ": " << lineOf(line) << "\n";
 }
 
 void RowPrinter::end() {
@@ -284,10 +231,14 @@ void RowPrinter::end() {
 }
 
 void printResult(Format format, const json& report, const json& shown,
-                 const std::function<CsvTable()>& table) {
+                 const std::function<void(std::ostream&)>& csv) {
   if (format == Format::kJson) std::cout << textOf(report, kIndent) << '\n';
-  if (format == Format::kCsv) table().print(std::cout);
+  if (format == Format::kCsv) csv(std::cout);
   if (format == Format::kText) printText(shown, std::cout);
+}
+
+void printResult(Format format, const json& report, const json& shown, const Csv& csv) {
+  printResult(format, report, shown, [&](std::ostream& out) { printCsv(report, csv, out); });
 }
 
 void checkPicture(const std::string& png, const std::string& out) {
@@ -298,3 +249,20 @@ void checkPicture(const std::string& png, const std::string& out) {
 }
 
 }  // namespace helix_arm::cli
+
+namespace nlohmann {
+
+void adl_serializer<helix_arm::lie::SE3>::to_json(json& out, const helix_arm::lie::SE3& pose) {
+  out = {{"position_m", pose.translation},
+         {"quaternion_xyzw", helix_arm::lie::quaternionXyzw(pose.rotation)}};
+}
+
+void adl_serializer<helix_arm::estimation::Suspect>::to_json(
+    json& out, const helix_arm::estimation::Suspect& suspect) {
+  out = {{"cause", suspect.cause},
+         {"where", suspect.where},
+         {"explains", suspect.explains},
+         {"remedy", suspect.remedy}};
+}
+
+}  // namespace nlohmann

@@ -1,13 +1,10 @@
 #include <iostream>
-#include <memory>
 
-#include "arguments.hpp"
 #include "command.hpp"
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/control/tip_path.hpp"
 #include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/tip_path_file.hpp"
-#include "output.hpp"
 
 namespace helix_arm::cli {
 namespace {
@@ -15,7 +12,6 @@ namespace {
 using control::PathPlane;
 using control::ShapedPath;
 using control::TipWayPoint;
-using nlohmann::json;
 
 constexpr model::Range kRadius{1e-6, 1e6};
 constexpr model::Range kPathPeriod{1e-3, control::kLongestPath};
@@ -70,7 +66,7 @@ std::string csvOf(const ShapedPath& path, const std::vector<TipWayPoint>& points
 
 json reportOf(const ShapedPath& path, const std::vector<TipWayPoint>& points,
               const std::string& out) {
-  json result{{"shape", nameOf(path.shape)}, {"centre_m", toJson(path.centre)},
+  json result{{"shape", nameOf(path.shape)}, {"centre_m", path.centre},
               {"radius_m", path.radius},     {"period_s", path.period},
               {"turns", path.turns},         {"plane", nameOf(path.plane)},
               {"points", points.size()},     {"duration_s", points.back().time},
@@ -79,7 +75,7 @@ json reportOf(const ShapedPath& path, const std::vector<TipWayPoint>& points,
   if (!out.empty()) return result;
   for (const TipWayPoint& point : points) {
     result["time_s"].push_back(point.time);
-    result["position_m"].push_back(toJson(point.position));
+    result["position_m"].push_back(point.position);
   }
   return result;
 }
@@ -97,37 +93,34 @@ int run(const PathArguments& arguments, const GlobalOptions& global) {
   }
   const json report = reportOf(path, points, out);
   json shown = report;
-  shown["begin_m"] = toJson(points.front().position);
-  printResult(global.format, report, shown, [&] {
-    return cellsOf(report, {"shape", "points", "duration_s", "out"});
-  });
+  shown["begin_m"] = points.front().position;
+  printResult(global.format, report, shown, Csv{{"shape", "points", "duration_s", "out"}});
   return kDone;
 }
 
 }  // namespace
 
-Subcommand addPath(CLI::App& app) {
-  CLI::App* command =
-      app.add_subcommand("path", "write a path of the tip: a circle, a square or a lemniscate");
-  const auto arguments = std::make_shared<PathArguments>();
-  addOption(*command, "SHAPE", arguments->shape, "circle, square or lemniscate", kRequired,
+void addPath(Commands& commands) {
+  auto [command, arguments] = commands.add<PathArguments>(
+      "path", "write a path of the tip: a circle, a square or a lemniscate", run);
+  addOption(command, "SHAPE", arguments.shape, "circle, square or lemniscate", kRequired,
             CLI::IsMember(namesOf(control::kTipShapes)));
-  addOption(*command, "--centre", arguments->centre, "centre, seen from the arm's base [m]: x,y,z",
+  addOption(command, "--centre", arguments.centre, "centre, seen from the arm's base [m]: x,y,z",
             kRequired);
-  addOption(*command, "--radius", arguments->path.radius,
+  addOption(command, "--radius", arguments.path.radius,
             "largest distance from the centre along each axis of the plane [m]; the sides of a "
             "square have twice this length",
             kRequired, TypeName{"M"}, within(kRadius));
-  addOption(*command, "--period", arguments->path.period, "time of one turn [s]", kRequired,
+  addOption(command, "--period", arguments.path.period, "time of one turn [s]", kRequired,
             TypeName{"S"}, within(kPathPeriod));
-  addOption(*command, "--turns", arguments->path.turns, "number of turns",
+  addOption(command, "--turns", arguments.path.turns, "number of turns",
             CLI::Range(1, control::kMostTurns), kShowDefault);
-  addOption(*command, "--plane", arguments->plane,
+  addOption(command, "--plane", arguments.plane,
             "plane of the shape, by two axes of the base: xy, xz or yz",
             CLI::IsMember(namesOf(control::kPathPlanes)), kShowDefault);
-  addOption(*command, "--out", arguments->out, "path file to write; default: stdout",
+  addOption(command, "--out", arguments.out, "path file to write; default: stdout",
             TypeName{"FILE"});
-  command->footer(
+  command.footer(
       R"(A path file has the columns time_s, x_m, y_m, z_m (seen from the arm's base), 200 rows a
 turn. A cubic spline at rest at both ends joins them. Shapes run from the plane's first
 axis to its second. Circle and lemniscate begin at the centre + radius along the first
@@ -136,7 +129,6 @@ both and rests at each corner: its speed rises and falls for a fifth of a side's
 json: shape, centre_m, radius_m, period_s, turns, plane, points (number), duration_s,
 out (null if absent), time_s and position_m (of all points; null with --out).
 text, csv: the path file; with --out a summary.)");
-  return {command, [arguments](const GlobalOptions& global) { return run(*arguments, global); }};
 }
 
 }  // namespace helix_arm::cli

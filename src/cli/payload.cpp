@@ -2,29 +2,20 @@
 #include "helix_arm/statics/payload.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <cstdint>
 #include <future>
-#include <memory>
-#include <optional>
-#include <string>
 #include <thread>
-#include <utility>
-#include <vector>
 
-#include "arguments.hpp"
 #include "command.hpp"
 #include "helix_arm/basics/median.hpp"
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/procedures/report_plot.hpp"
 #include "helix_arm/statics/attain.hpp"
 #include "helix_arm/statics/workspace.hpp"
-#include "output.hpp"
 
 namespace helix_arm::cli {
 namespace {
 
-using nlohmann::json;
 using statics::Limit;
 using statics::Payload;
 using statics::PayloadEnd;
@@ -54,12 +45,12 @@ Eigen::Vector3d downIn(const io::Scene& scene) {
 
 json payloadJson(const model::Arm& arm, const Eigen::Vector3d& direction, const Payload& found) {
   const bool held = found.end != PayloadEnd::kUnreached;
-  return {{"direction", toJson(direction)},
-          {"force_n", held ? json(found.force) : json()},
+  return {{"direction", direction},
+          {"force_n", valueIf(held, found.force)},
           {"limit", found.end == PayloadEnd::kLimits ? limitsText(arm, found.limits)
                                                      : std::string(nameOf(found.end))},
-          {"stiffness_n_per_m", finite(found.stiffness)},
-          {"pressures_pa", toJson(found.input)}};
+          {"stiffness_n_per_m", found.stiffness},
+          {"pressures_pa", found.input}};
 }
 
 statics::PayloadOptions optionsOf(const PayloadArguments& arguments) {
@@ -90,22 +81,6 @@ std::vector<Eigen::Vector3d> directionsOf(const io::Scene& scene, const std::str
   return out;
 }
 
-CsvTable csvTable(const model::Arm& arm, const std::vector<Eigen::Vector3d>& directions,
-                  const std::vector<Payload>& found) {
-  CsvTable table;
-  for (std::size_t k = 0; k < found.size(); ++k) {
-    const json one = payloadJson(arm, directions[k], found[k]);
-    CsvTable::Row row;
-    for (int i = 0; i < 3; ++i) {
-      row.emplace_back(std::string("direction_") + "xyz"[i], exact(directions[k][i]));
-    }
-    for (auto& cell : cellsOf(one, {"force_n", "limit", "stiffness_n_per_m"})) row.push_back(cell);
-    appendInputs(arm, found[k].input, row);
-    table.add(row);
-  }
-  return table;
-}
-
 // Adds the weakest and the strongest of the rows, null without any.
 void addEnds(const json& rows, json& report) {
   const auto weaker = [](const json& a, const json& b) { return a["force_n"] < b["force_n"]; };
@@ -120,20 +95,17 @@ int runTip(const PayloadArguments& arguments, const GlobalOptions& global, const
   const Eigen::Vector3d tip = numberList("--tip", arguments.tip, 3);
   const std::vector<Eigen::Vector3d> directions = directionsOf(scene, arguments.direction);
   const statics::InverseResult without_force = solver.moveTo(tip);
-  std::vector<Payload> found;
   json rows = json::array();
   const bool there = solver.isThere();
   for (const Eigen::Vector3d& direction : directions) {
-    if (!there) break;
-    found.push_back(solver.along(direction));
-    rows.push_back(payloadJson(scene.arm, direction, found.back()));
+    if (there) rows.push_back(payloadJson(scene.arm, direction, solver.along(direction)));
   }
   json report = headOf(scene, solver);
-  report.update({{"tip_m", toJson(tip)},
+  report.update({{"tip_m", tip},
                  {"status", there ? "reached" : "unreached"},
                  {"reason", nullptr},
-                 {"position_error_m", finite(without_force.position_error)},
-                 {"pressures_pa", toJson(without_force.input)},
+                 {"position_error_m", without_force.position_error},
+                 {"pressures_pa", without_force.input},
                  {"directions", rows}});
   addEnds(rows, report);
   if (!there) {
@@ -147,7 +119,11 @@ int runTip(const PayloadArguments& arguments, const GlobalOptions& global, const
     shown[key] = without(shown[key], {"pressures_pa", "stiffness_n_per_m"});
     if (rows.size() < 2) shown.erase(key);
   }
-  printResult(global.format, report, shown, [&] { return csvTable(scene.arm, directions, found); });
+  printResult(global.format, report, shown,
+              Csv{{{"direction", "direction_@"}, "force_n", "limit", "stiffness_n_per_m", "inputs"},
+                  "directions",
+                  {},
+                  &scene.arm});
   return there ? kDone : kNotPossible;
 }
 
@@ -210,34 +186,29 @@ int runMap(const PayloadArguments& arguments, const GlobalOptions& global, const
   }
   json report = headOf(scene, solver);
   json rows = json::array();
-  CsvTable table;
   std::vector<double> forces;
   for (std::size_t k = 0; k < map.found.size(); ++k) {
-    const Eigen::Vector3d tip = map.tips.row(static_cast<Eigen::Index>(k));
-    json one = payloadJson(scene.arm, downIn(scene), map.found[k]);
-    one["tip_m"] = toJson(tip);
+    rows.push_back(payloadJson(scene.arm, downIn(scene), map.found[k]));
+    rows.back()["tip_m"] = map.tips.row(static_cast<Eigen::Index>(k));
     forces.push_back(map.found[k].force);
-    CsvTable::Row row =
-        cellsOf(one, {"tip_m", "force_n", "limit", "stiffness_n_per_m", "pressures_pa"});
-    for (int i = 0; i < 3; ++i)
-      row[static_cast<std::size_t>(i)].first = std::string(1, "xyz"[i]) + "_m";
-    table.add(row);
-    rows.push_back(std::move(one));
   }
   const bool some = !rows.empty();
-  report.update(
-      {{"direction", toJson(downIn(scene))},
-       {"count", rows.size()},
-       {"median_n", some ? json(basics::medianOf(forces)) : json()},
-       {"reason", some ? json() : json("no shape balances the load at any sampled input")},
-       {"png", textOrNull(arguments.png)}});
+  report.update({{"direction", downIn(scene)},
+                 {"count", rows.size()},
+                 {"median_n", some ? json(basics::medianOf(forces)) : json()},
+                 {"reason", valueIf(!some, "no shape balances the load at any sampled input")},
+                 {"png", textOrNull(arguments.png)}});
   addEnds(rows, report);
   if (!arguments.png.empty() && some) {
     const json drawn{{"scene", scene.name}, {"tier", ""}, {"cloud", "cloud.ply"}};
     procedures::drawReport(drawn.dump(), arguments.png, "leave out --png",
                            {"cloud.ply", cloudOf(map)});
   }
-  printResult(global.format, report, without(report, {"order"}), [&] { return table; });
+  const Csv csv{{{"tip_m", "@_m"}, "force_n", "limit", "stiffness_n_per_m", "pressures_pa"},
+                "rows"};
+  printResult(global.format, report, without(report, {"order"}), [&](std::ostream& out) {
+    printCsv({{"rows", rows}}, csv, out);
+  });
   return some ? kDone : kNotPossible;
 }
 
@@ -293,12 +264,12 @@ int run(const AttainArguments& arguments, const GlobalOptions& global) {
               {"attainable", found.attainable},
               {"missing",
                {{"s", found.missing.section + found.missing.s},
-                {"force_n", toJson(found.missing.force)},
-                {"moment_nm", toJson(found.missing.moment)}}},
+                {"force_n", found.missing.force},
+                {"moment_nm", found.missing.moment}}},
               {"limit", textOrNull(limits)},
               {"residual_n", found.residual},
               {"largest_force_n", solver.largestForce()},
-              {"pressures_pa", toJson(found.input)},
+              {"pressures_pa", found.input},
               {"reason", nullptr}};
   if (!found.attainable) {
     report["reason"] =
@@ -306,38 +277,41 @@ int run(const AttainArguments& arguments, const GlobalOptions& global) {
             ? "no actuator makes the missing wrench at any pressure: the shape itself has to change"
             : "the missing wrench needs actuators beyond their limits";
   }
-  printResult(global.format, report, report, [&] {
-    CsvTable::Row row = cellsOf(report, {"attainable", "residual_n", "largest_force_n", "limit"});
-    for (auto& cell : cellsOf(report["missing"], {"s", "force_n", "moment_nm"})) {
-      row.emplace_back("missing_" + cell.first, cell.second);
-    }
-    appendInputs(scene.arm, found.input, row);
-    return CsvTable(row);
-  });
+  printResult(global.format, report, report,
+              Csv{{"attainable",
+                   "residual_n",
+                   "largest_force_n",
+                   "limit",
+                   {"missing/s", "missing_s"},
+                   {"missing/force_n", "missing_force_*_n"},
+                   {"missing/moment_nm", "missing_moment_*_nm"},
+                   "inputs"},
+                  "",
+                  {},
+                  &scene.arm});
   return found.attainable ? kDone : kNotPossible;
 }
 
 }  // namespace
 
-Subcommand addPayload(CLI::App& app) {
-  CLI::App* command =
-      app.add_subcommand("payload", "the largest force that the tip carries at a place");
-  const auto arguments = std::make_shared<PayloadArguments>();
-  addScene(*command, "SCENE", arguments->scene, "scene file")->required();
-  addOption(*command, "--tip", arguments->tip, "place of the tip [m]: x,y,z");
-  addOption(*command, "--direction", arguments->direction,
+void addPayload(Commands& commands) {
+  auto [command, arguments] = commands.add<PayloadArguments>(
+      "payload", "the largest force that the tip carries at a place", run);
+  addScene(command, arguments.scene);
+  addOption(command, "--tip", arguments.tip, "place of the tip [m]: x,y,z");
+  addOption(command, "--direction", arguments.direction,
             "of the force, base frame: dx,dy,dz, or down; default: 26 directions");
-  addOption(*command, "--moment", arguments->moment, "also acts on the tip [N m]: mx,my,mz");
-  addOption(*command, "--tolerance", arguments->tolerance_percent,
+  addOption(command, "--moment", arguments.moment, "also acts on the tip [N m]: mx,my,mz");
+  addOption(command, "--tolerance", arguments.tolerance_percent,
             "distance up to which the tip counts as there [% of the arm's length]",
             TypeName{"PERCENT"}, within(kTolerancePercent), kShowDefault);
-  command->add_flag("--map", arguments->map,
-                    "instead of one place: what sampled places of the workspace carry downwards");
-  addOption(*command, "--png", arguments->png, "with --map: picture file");
-  addOption(*command, "--count", arguments->count, "with --map: number of places",
+  command.add_flag("--map", arguments.map,
+                   "instead of one place: what sampled places of the workspace carry downwards");
+  addOption(command, "--png", arguments.png, "with --map: picture file");
+  addOption(command, "--count", arguments.count, "with --map: number of places",
             CLI::Range(1, 1000000), kShowDefault);
-  addOption(*command, "--seed", arguments->seed, "with --map: seed of the places", kShowDefault);
-  command->footer(
+  addOption(command, "--seed", arguments.seed, "with --map: seed of the places", kShowDefault);
+  command.footer(
       R"(The force grows until no pressures within the limits keep the tip within the tolerance in a
 stable shape. It and the moment keep their directions; the scene's load acts, too. Each
 force is a solution of the loaded inverse (tier loaded, order 5, or exact where the scene
@@ -351,30 +325,28 @@ upper"; or unstable (no stable shape balances more), unactuated (the tip leaves 
 before any limit is met), none (nothing below ten times K_eps).
 With --map: direction, count, median_n, weakest and strongest place {tip_m, ..}, png; csv:
 a row for each place. Exit code 1 if the tip is not reached without the force.)");
-  return {command, [arguments](const GlobalOptions& global) { return run(*arguments, global); }};
 }
 
-Subcommand addAttain(CLI::App& app) {
-  CLI::App* command =
-      app.add_subcommand("attain", "whether a shape can be held under a load, and what is missing");
-  const auto arguments = std::make_shared<AttainArguments>();
-  addScene(*command, "SCENE", arguments->scene, "scene file")->required();
-  addOption(*command, "--twists", arguments->twists,
+void addAttain(Commands& commands) {
+  auto [command, arguments] = commands.add<AttainArguments>(
+      "attain", "whether a shape can be held under a load, and what is missing", run);
+  addScene(command, arguments.scene);
+  addOption(command, "--twists", arguments.twists,
             "the shape [m, rad]: vx,vy,vz,wx,wy,wz of each section, or of each of its pieces, as "
             "piece_twist of forward",
             kRequired);
-  addOption(*command, "--force", arguments->forces,
+  addOption(command, "--force", arguments.forces,
             "a force [N], base frame: s,fx,fy,fz; s runs over [k, k + 1] along section k, and its "
             "end is the tip; repeatable",
             TypeName{"S,FX,FY,FZ"})
       ->allow_extra_args(false);
-  addOption(*command, "--moment", arguments->moments, "likewise a moment [N m]: s,mx,my,mz",
+  addOption(command, "--moment", arguments.moments, "likewise a moment [N m]: s,mx,my,mz",
             TypeName{"S,MX,MY,MZ"})
       ->allow_extra_args(false);
-  addOption(*command, "--tolerance", arguments->tolerance_percent,
+  addOption(command, "--tolerance", arguments.tolerance_percent,
             "residual up to which the shape counts as attainable [% of largest_force_n]",
             TypeName{"PERCENT"}, within(kTolerancePercent), kShowDefault);
-  command->footer(
+  command.footer(
       R"(The scene's load acts, too. A constant twist balances a force at one place of the section
 alone; give the pieces of a shape under load to compare with such a shape. Needs
 arm.stiffness.K_eps_n.
@@ -383,7 +355,6 @@ the base curve there), limit (actuators at limits without which less would be mi
 residual_n (root mean square over s of the missing wrench, as the force along the arm that
 deforms it with the same energy), largest_force_n (that a section can make), pressures_pa (closest),
 reason. Exit code 1 if it is not attainable.)");
-  return {command, [arguments](const GlobalOptions& global) { return run(*arguments, global); }};
 }
 
 }  // namespace helix_arm::cli

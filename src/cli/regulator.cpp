@@ -1,22 +1,17 @@
 #include <algorithm>
 #include <cerrno>
 #include <chrono>
-#include <cmath>
 #include <csignal>
 #include <cstring>
 #include <filesystem>
 #include <iostream>
 #include <limits>
-#include <memory>
 #include <thread>
-#include <utility>
-#include <vector>
 
 #include <poll.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include "arguments.hpp"
 #include "command.hpp"
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/clearance/sweep.hpp"
@@ -27,7 +22,6 @@
 #include "helix_arm/regulator/realtime.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
 #include "helix_arm/simulation/emulated_device.hpp"
-#include "output.hpp"
 
 namespace helix_arm::cli {
 namespace {
@@ -35,7 +29,6 @@ namespace {
 using control::SafetyCause;
 using control::SafetyState;
 using control::Valve;
-using nlohmann::json;
 using regulator::steadyNow;
 
 constexpr double kProbeSeconds = 1;
@@ -55,7 +48,7 @@ constexpr std::chrono::milliseconds kBetweenVents(50);
 
 struct RegulatorOptions {
   std::string scene;
-  std::string pressure_kpa;       // set
+  InputArguments pressure;        // set
   std::optional<double> seconds;  // probe, set, emulate
   bool yes = false;               // set: air may move
   int realtime_priority = 0;      // guard: as regulator::scheduleRealtime() where it is allowed
@@ -169,60 +162,57 @@ Answers probe(const io::Scene& scene, double seconds) {
   return result;
 }
 
+// Tells the reason, and gives the exit code.
+int endOf(const std::string& reason) {
+  if (reason.empty()) return kDone;
+  std::cerr << reason << "\n";
+  return kNotPossible;
+}
+
 int probeRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadRegulatedScene(options, global);
   const Answers result = probe(scene, options.seconds.value_or(kProbeSeconds));
-  const json pressure = readingsJson(result.pressure);
-  json channels = json::array();
+  const double seconds = result.seconds;
+  json channels = json::array(), rates = json::array();
   for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
+    const int readings = result.readings[static_cast<std::size_t>(i)];
     channels.push_back({{"name", scene.arm.actuator(i).name},
                         {"address", regulator::addressOf(*scene.regulator, i)},
-                        {"pressure_pa", pressure[i]},
-                        {"readings", result.readings[static_cast<std::size_t>(i)]},
-                        {"supply_pa", finite(result.supply)}});
+                        {"pressure_pa", result.pressure[i]},
+                        {"readings", readings}});
+    rates.push_back(channels.back());
+    // Without a line to a device, their rate is that of this computer.
+    const bool timed = seconds > 0 && regulator::isHardware(*scene.regulator);
+    rates.back()["readings_per_second"] = valueIf(timed, readings / seconds);
+    rates.back()["supply_pa"] = result.supply;
   }
-  const CsvTable table(channels, {"name", "address", "pressure_pa", "readings", "supply_pa"});
-  for (json& channel : channels) channel.erase("supply_pa");
   const json report{{"regulator", regulator::describe(*scene.regulator)},
                     {"channels", channels},
-                    {"supply_pa", finite(result.supply)},
-                    {"seconds", result.seconds},
+                    {"supply_pa", result.supply},
+                    {"seconds", seconds},
                     {"reason", textOrNull(result.reason)}};
   json shown = without(report, {"reason"});
-  for (json& channel : shown["channels"]) {
-    // Without a line to a device, their rate is that of this computer.
-    const double seconds = regulator::isHardware(*scene.regulator) ? result.seconds : 0;
-    channel["readings_per_second"] =
-        seconds > 0 ? json(channel["readings"].get<int>() / seconds) : json();
-  }
+  shown["channels"] = without(rates, {"supply_pa"});
   if (!std::isfinite(result.supply)) shown["supply"] = "not measured";
   shown["notes"] = {"connected, which vents; nothing else was written"};
-  if (!(result.seconds > 0)) shown = nullptr;
-  printResult(global.format, report, shown, [&table] { return table; });
-  if (result.reason.empty()) return kDone;
-  std::cerr << result.reason << "\n";
-  return kNotPossible;
+  printResult(global.format, report, seconds > 0 ? shown : json(), [&rates](std::ostream& out) {
+    printCsv({{"rows", rates}},
+             {{"name", "address", "pressure_pa", "readings", "supply_pa"}, "rows"}, out);
+  });
+  return endOf(result.reason);
 }
 
 int ventRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadRegulatedScene(options, global);
   const Answers result = connectAndVent(*makeDriver(scene), scene);
   const bool vented = result.reason.empty();
-  const json report{{"vented", vented},
-                    {"pressure_pa", readingsJson(result.pressure)},
-                    {"reason", textOrNull(result.reason)}};
-  const auto table = [&report, vented] {
-    json cells = report;
-    cells["vented"] = vented ? "true" : "false";
-    return cellsOf(cells, {"vented", "pressure_pa"});
-  };
+  json report{
+      {"vented", vented}, {"pressure_pa", result.pressure}, {"reason", textOrNull(result.reason)}};
   json shown = report;
   shown["actuators"] = actuatorNames(scene.arm);  // tells whose the pressures are
   shown["vented_below_kpa"] = scene.safety.rules.vented_below / 1e3;
-  printResult(global.format, report, vented ? shown : json(), table);
-  if (vented) return kDone;
-  std::cerr << "not vented: " << result.reason << "\n";
-  return kNotPossible;
+  printResult(global.format, report, vented ? shown : json(), Csv{{"vented", "pressure_pa"}});
+  return endOf(vented ? "" : "not vented: " + result.reason);
 }
 
 struct Outcome {
@@ -344,8 +334,7 @@ void refuseBlocked(const io::Scene& scene, const Eigen::VectorXd& target) {
 
 int setRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadRegulatedScene(options, global);
-  const Eigen::VectorXd target =
-      inputsOf(scene, "--pressure-kpa", options.pressure_kpa, "--input", "");
+  const Eigen::VectorXd target = inputsOf(scene, options.pressure);
   refuseIf(regulator::isHardware(*scene.regulator) && !options.yes, "set moves the hardware ",
            regulator::describe(*scene.regulator),
            "; add --yes once nobody is within the arm's reach");
@@ -361,26 +350,22 @@ int setRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
   const bool never_enabled = outcome.state == SafetyState::kDisabled;
   if (guard && (never_enabled || outcome.state == SafetyState::kVented)) guard->dismiss();
   const char* const state = control::nameOf(outcome.state);
-  const json report{{"target_pa", toJson(target)},
-                    {"pressure_pa", readingsJson(outcome.pressure)},
+  const json report{{"target_pa", target},
+                    {"pressure_pa", outcome.pressure},
                     {"state", state},
                     {"reason", textOrNull(outcome.reason)}};
-  const auto table = [&] {
-    json rows;
-    for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
-      rows.push_back({{"name", scene.arm.actuator(i).name},
-                      {"target_pa", target[i]},
-                      {"pressure_pa", finite(outcome.pressure[i])},
-                      {"state", state}});
-    }
-    return CsvTable(rows, {"name", "target_pa", "pressure_pa", "state"});
-  };
   json shown = without(report, {"reason"});
   shown["actuators"] = actuatorNames(scene.arm);
-  printResult(global.format, report, shown, table);
-  if (outcome.reason.empty()) return kDone;
-  std::cerr << outcome.reason << "\n";
-  return kNotPossible;
+  printResult(global.format, report, shown, [&](std::ostream& out) {
+    CsvTable table(out, {"name", "target_pa", "pressure_pa", "state"});
+    for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
+      table.add({{"name", scene.arm.actuator(i).name},
+                 {"target_pa", target[i]},
+                 {"pressure_pa", outcome.pressure[i]},
+                 {"state", state}});
+    }
+  });
+  return endOf(outcome.reason);
 }
 
 // How the process that moves the arm (the ward) ended.
@@ -572,55 +557,45 @@ is in the result and on stderr. 2: the call is wrong.)";
 
 }  // namespace
 
-Subcommand addRegulator(CLI::App& app) {
-  CLI::App* command = app.add_subcommand("regulator", "commission the scene's pressure regulator");
-  const auto options = std::make_shared<RegulatorOptions>();
-  addScene(*command, "SCENE", options->scene, "scene file")->required();
-  command->require_subcommand(1);
-  using Run = int (*)(const RegulatorOptions&, const GlobalOptions&);
-  struct Action {
-    CLI::App* app;
-    Run run;
-  };
-  std::vector<Action> actions;
-  const auto add = [&](const char* name, const char* help, Run run) {
-    actions.push_back({command->add_subcommand(name, help), run});
-    return actions.back().app;
-  };
-  const auto addSeconds = [&options](CLI::App* action, const char* help) {
-    addOption(*action, "--seconds", options->seconds, help, TypeName{"S"},
+void addRegulator(Commands& commands) {
+  Commands group = commands.group("regulator", "commission the scene's pressure regulator");
+  const auto shared = std::make_shared<RegulatorOptions>();
+  addScene(group.app(), shared->scene);
+  const auto addSeconds = [&shared](CLI::App& command, const char* help) {
+    addOption(command, "--seconds", shared->seconds, help, TypeName{"S"},
               CLI::Range(0.01, kLongestRun));
   };
-  addSeconds(add("probe", "connect (which vents) and read: which channels answer, and how often",
-                 probeRegulator),
-             "time to read [s], default 1");
-  CLI::App* set =
-      add("set", "go to pressures within limits and slew, hold them, and vent", setRegulator);
-  addOption(*set, "--pressure-kpa", options->pressure_kpa,
+  addSeconds(
+      group
+          .add("probe", "connect (which vents) and read: which channels answer, and how often",
+               probeRegulator, shared)
+          .command,
+      "time to read [s], default 1");
+  auto [set, options] = group.add(
+      "set", "go to pressures within limits and slew, hold them, and vent", setRegulator, shared);
+  addOption(set, "--pressure-kpa", options.pressure.kpa,
             "gauge pressures [kPa], one per actuator, separated by commas", kRequired,
             TypeName{"A,B,.."});
-  set->add_flag("--yes", options->yes, "confirms that air may move and the arm is clear of people");
+  set.add_flag("--yes", options.yes, "confirms that air may move and the arm is clear of people");
   addSeconds(set, "time to hold the set points once they are reached [s], default 5");
-  add("vent",
-      "connect, vent, and wait until every channel is within safety.vented_below_kpa of the "
-      "atmosphere",
-      ventRegulator);
-  add("guard", "wait for the end of stdin, then vent; started by the node that moves the arm",
-      guardRegulator)
-      ->add_option(
-          "--realtime-priority", options->realtime_priority,
-          "real-time priority (SCHED_FIFO), if the user's limits allow it; default 0: none")
-      ->type_name("N")
-      ->check(CLI::Range(0, regulator::kHighestRealtimePriority));
-  addSeconds(add("emulate", "emulate the device at its address on this machine", emulateRegulator),
+  group.add("vent",
+            "connect, vent, and wait until every channel is within safety.vented_below_kpa of the "
+            "atmosphere",
+            ventRegulator, shared);
+  addOption(group
+                .add("guard",
+                     "wait for the end of stdin, then vent; started by the node that moves the arm",
+                     guardRegulator, shared)
+                .command,
+            "--realtime-priority", options.realtime_priority,
+            "real-time priority (SCHED_FIFO), if the user's limits allow it; default 0: none",
+            TypeName{"N"}, CLI::Range(0, regulator::kHighestRealtimePriority));
+  addSeconds(group
+                 .add("emulate", "emulate the device at its address on this machine",
+                      emulateRegulator, shared)
+                 .command,
              "time to run [s], default: until Ctrl-C");
-  command->footer(footer());
-  return {command, [options, actions](const GlobalOptions& global) {
-            for (const Action& action : actions) {
-              if (action.app->parsed()) return action.run(*options, global);
-            }
-            return kCallerErred;
-          }};
+  group.app().footer(footer());  // last: commands below would have it, too
 }
 
 }  // namespace helix_arm::cli

@@ -4,12 +4,9 @@
 #include <filesystem>
 #include <fstream>
 #include <limits>
-#include <memory>
 #include <random>
-#include <sstream>
 #include <stdexcept>
 
-#include "arguments.hpp"
 #include "command.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/text.hpp"
@@ -23,13 +20,11 @@
 #include "helix_arm/vision/jpeg.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
 #include "measurements.hpp"
-#include "output.hpp"
 
 namespace helix_arm::cli {
 namespace {
 
 namespace fs = std::filesystem;
-using nlohmann::json;
 
 constexpr int kMostCaptures = 100000;
 constexpr int kFewestDigits = 4;  // of a picture's number
@@ -52,67 +47,29 @@ struct SimulatedSet {
 
 fs::path makeDirectory(const std::string& out) {
   const fs::path directory(out);
-  const auto fault = [&out](const std::string& why) { return CallerError("--out " + out + why); };
   std::error_code error;
-  const fs::file_status status = fs::status(directory, error);
-  if (status.type() == fs::file_type::not_found) {
-    error.clear();
-    fs::create_directories(directory, error);
-    if (!error) return directory;
-    throw fault(" cannot be created: " + error.message() + "; choose another folder");
-  }
-  if (!error && !fs::is_directory(status)) {
-    throw fault(" is a file; expected a folder that is empty or absent");
-  }
-  const bool empty = !error && fs::is_empty(directory, error);
-  if (error) throw fault(" cannot be read: " + error.message() + "; choose another folder");
-  if (!empty) throw fault(" is not empty; expected a folder that is empty or absent");
+  fs::create_directories(directory, error);
+  const bool usable = !error && fs::is_empty(directory, error);
+  refuseIf(!usable, "--out ", out,
+           error ? " cannot be created: " + error.message() : " is not empty",
+           "; expected a folder that is empty or absent");
   return directory;
 }
 
-// A file that is written in parts.
-class OutputFile {
- public:
-  OutputFile(const fs::path& path, const std::string& text) : path_(path) {
-    errno = 0;
-    file_.open(path, std::ios::binary);
-    check();
-    write(text);
-  }
-  void write(const std::string& text) {
-    errno = 0;
-    file_ << text << std::flush;
-    check();
-  }
-  // A row of CSV, the first one below the names of its columns.
-  void add(const CsvTable::Row& row) {
-    std::ostringstream line;
-    if (!named_) CsvTable::printNames(row, line);
-    named_ = true;
-    CsvTable::printValues(row, line);
-    write(line.str());
-  }
-
- private:
-  void check() const {
-    if (file_) return;
-    throw CallerError(path_.string() +
-                      " cannot be written: " + std::strerror(errno == 0 ? EIO : errno) +
-                      "; free disk space, or choose another folder with --out");
-  }
-
-  fs::path path_;
-  std::ofstream file_;
-  bool named_ = false;
-};
+void writeFile(const fs::path& path, const std::string& text) {
+  std::ofstream file(path, std::ios::binary);
+  file << text << std::flush;
+  refuseIf(!file, path.string(), " cannot be written: ", std::strerror(errno),
+           "; free disk space, or choose another folder with --out");
+}
 
 // The scene with its overrides, and the options that no scene contains.
 void writeScene(const fs::path& path, const SimulateOptions& options, const GlobalOptions& global) {
   const std::string captures = options.inputs.empty()
                                    ? basics::format("--count %d", options.count)
                                    : "--inputs " + basics::printable(options.inputs);
-  OutputFile(path, io::sceneText(options.scene, overridesOf(global)) + "\n# Simulated with " +
-                       captures + basics::format(" --seed %u\n", options.seed));
+  writeFile(path, io::sceneText(options.scene, overridesOf(global)) + "\n# Simulated with " +
+                      captures + basics::format(" --seed %u\n", options.seed));
 }
 
 // Uniform within the limits of the muscles.
@@ -125,11 +82,8 @@ Eigen::VectorXd drawPressure(const model::Arm& arm, std::mt19937_64& generator) 
   return pressure;
 }
 
-void appendCapture(int capture, const Eigen::VectorXd& pressure, CsvTable::Row& row) {
-  row.emplace_back("capture", std::to_string(capture));
-  for (int i = 0; i < pressure.size(); ++i) {
-    row.emplace_back("pressure_" + std::to_string(i + 1) + "_kpa", exact(pressure[i] / 1e3));
-  }
+json captureJson(int capture, const Eigen::VectorXd& pressure) {
+  return {{"capture", capture}, {"pressure_kpa", pressure / 1e3}};
 }
 
 std::string pictureName(int capture) {
@@ -208,7 +162,7 @@ SimulatedSet simulateBoard(const SimulateOptions& options, const GlobalOptions& 
         },
         board);
     const auto jpeg = encoder.encode(camera.render(simulation::kArmOutOfView));
-    OutputFile(directory / pictureName(++number), std::string(jpeg.begin(), jpeg.end()));
+    writeFile(directory / pictureName(++number), {jpeg.begin(), jpeg.end()});
   }
   const int tags = std::visit([](const auto& one) { return one.count(); }, board);
   return {directory, number, tags, true};
@@ -220,15 +174,6 @@ Eigen::MatrixXd givenPressures(const SimulateOptions& options, const io::Scene& 
   if (options.walk) return procedures::walkPlan(scene.arm);
   if (!options.rest) return {};
   return scene.arm.inputAt(0).transpose().replicate(options.count, 1);
-}
-
-// The true shape of a capture.
-CsvTable::Row truthOf(int capture, const Eigen::VectorXd& pressure, const model::Shape& shape) {
-  CsvTable::Row row;
-  appendCapture(capture, pressure, row);
-  appendTwists(toJson(shape.twists()), shape.sectionCount(), row);
-  appendPose("tip_", toJson(model::tipPose(shape)), row);
-  return row;
 }
 
 SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& global) {
@@ -248,13 +193,9 @@ SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& globa
   const fs::path directory = makeDirectory(options.out);
 
   writeScene(directory / "scene.yaml", options, global);
-  OutputFile truth(directory / "truth.csv", truthComment(scene));
-  std::optional<OutputFile> poses;
+  json truth = json::array(), poses = json::array();
   std::optional<estimation::TagLayout> layout;
-  if (scene.tags) {
-    layout = simulation::deviate(*scene.tags, scene.arm, scene.simulation.mounts);
-    poses.emplace(directory / "tag_poses.csv", poseComment(scene));
-  }
+  if (scene.tags) layout = simulation::deviate(*scene.tags, scene.arm, scene.simulation.mounts);
   std::vector<io::TagCornerCapture> corners;
   vision::TagDetector detector(scene.vision.detector);
 
@@ -263,29 +204,38 @@ SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& globa
                                  : drawPressure(scene.arm, generator));
     rig.step(std::numeric_limits<double>::infinity());
     const model::Shape shape = rig.shape();
-    CsvTable::Row row = truthOf(capture, rig.pressure(), shape);
+    json row = captureJson(capture, rig.pressure());
+    row["twist"] = shape.twists().transpose();
+    row["tip"] = model::tipPose(shape);
     if (rig.hasCamera()) {
-      const auto visible = estimation::visibleTags(camera->view, shape);
-      row.emplace_back("visible_tags", std::to_string(visible.size()));
+      row["visible_tags"] = estimation::visibleTags(camera->view, shape).size();
       const auto jpeg = encoder.encode(rig.render());
-      OutputFile(directory / pictureName(capture), std::string(jpeg.begin(), jpeg.end()));
+      writeFile(directory / pictureName(capture), {jpeg.begin(), jpeg.end()});
       corners.push_back({capture, rig.pressure(), tagsSeen(*layout, jpeg, detector)});
     }
-    truth.add(row);
-    if (!poses) continue;
+    truth.push_back(row);
+    if (!layout) continue;
     const auto exact_poses = estimation::tagPoses(*layout, shape);
     for (std::size_t i = 0; i < exact_poses.size(); ++i) {
-      CsvTable::Row pose_row;
-      appendCapture(capture, rig.pressure(), pose_row);
-      pose_row.emplace_back("tag", std::to_string(layout->tags[i].id));
-      appendPose("", toJson(measured(X_FB * exact_poses[i], scene.vision.fit, generator, normal)),
-                 pose_row);
-      poses->add(pose_row);
+      poses.push_back(captureJson(capture, rig.pressure()));
+      poses.back()["tag"] = layout->tags[i].id;
+      poses.back().update(
+          json(measured(X_FB * exact_poses[i], scene.vision.fit, generator, normal)));
     }
   }
+  Columns columns{"capture", "pressure_kpa", "twist", "tip"};
+  if (rig.hasCamera()) columns.push_back("visible_tags");
+  writeFile(directory / "truth.csv",
+            csvText(truthComment(scene), {{"rows", truth}}, {columns, "rows", {}, &scene.arm}));
+  if (layout) {
+    writeFile(
+        directory / "tag_poses.csv",
+        csvText(poseComment(scene), {{"rows", poses}},
+                {{"capture", "pressure_kpa", "tag", "position_m", "quaternion_xyzw"}, "rows"}));
+  }
   if (rig.hasCamera()) {
-    OutputFile(directory / "tag_corners.csv",
-               io::tagCornerCsv(corners, scene.arm.actuatorCount(), cornerComment(scene)));
+    writeFile(directory / "tag_corners.csv",
+              io::tagCornerCsv(corners, scene.arm.actuatorCount(), cornerComment(scene)));
   }
   return {directory, captures, scene.tags ? static_cast<int>(scene.tags->tags.size()) : 0,
           rig.hasCamera()};
@@ -301,7 +251,7 @@ int run(const SimulateOptions& options, const GlobalOptions& global) {
   const SimulatedSet set =
       options.board.given() ? simulateBoard(options, global) : simulate(options, global);
   const auto pathOf = [&set](const char* file, bool written) {
-    return written ? json((set.directory / file).string()) : json(nullptr);
+    return valueIf(written, (set.directory / file).string());
   };
   const bool arm = !options.board.given();
   const json report{{"out", set.directory.string()},
@@ -321,38 +271,35 @@ int run(const SimulateOptions& options, const GlobalOptions& global) {
     shown["notes"] = {std::string("no pictures: the scene has no ") +
                       (set.tags > 0 ? "camera" : "tags to see")};
   }
-  printResult(global.format, report, shown, [&report] {
-    return cellsOf(report, {"out", "seed", "captures", "pictures", "tags"});
-  });
+  printResult(global.format, report, shown, Csv{{"out", "seed", "captures", "pictures", "tags"}});
   return kDone;
 }
 
 }  // namespace
 
-Subcommand addSimulate(CLI::App& app) {
-  CLI::App* command = app.add_subcommand(
-      "simulate", "write a simulated data set and pictures with their true shapes");
-  const auto options = std::make_shared<SimulateOptions>();
-  addScene(*command, "SCENE", options->scene, "scene file")->required();
-  addOption(*command, "--out", options->out, "folder to write to; must be empty or absent",
-            kRequired, TypeName{"DIR"});
-  addOption(*command, "--count", options->count, "number of captures", CLI::Range(1, kMostCaptures),
+void addSimulate(Commands& commands) {
+  auto [command, options] = commands.add<SimulateOptions>(
+      "simulate", "write a simulated data set and pictures with their true shapes", run);
+  addScene(command, options.scene);
+  addOption(command, "--out", options.out, "folder to write to; must be empty or absent", kRequired,
+            TypeName{"DIR"});
+  addOption(command, "--count", options.count, "number of captures", CLI::Range(1, kMostCaptures),
             kShowDefault);
-  addOption(*command, "--seed", options->seed, "seed of the pressures and of all noise",
+  addOption(command, "--seed", options.seed, "seed of the pressures and of all noise",
             kShowDefault);
-  addOption(*command, "--inputs", options->inputs,
+  addOption(command, "--inputs", options.inputs,
             "table of pressures, one capture per row, or stdin where it is -: columns "
             "pressure_1_kpa .. or pressure_1_pa ..; without it they are random",
             TypeName{"FILE"});
-  command->add_flag("--rest", options->rest, "the arm at rest in every capture");
+  command.add_flag("--rest", options.rest, "the arm at rest in every capture");
   command
-      ->add_flag("--walk", options->walk,
-                 "the steps of the walk of helix_arm commission, in place of --count")
+      .add_flag("--walk", options.walk,
+                "the steps of the walk of helix_arm commission, in place of --count")
       ->excludes("--rest");
-  addBoardFlag(*command, options->board,
+  addBoardFlag(command, options.board,
                "instead, pictures of the calibration board (helix_arm tags --board) in the hands "
                "of a person, by the scene's camera: tags (default) or charuco");
-  command->footer(
+  command.footer(
       R"(The arm deviates from the scene's as its key simulation.arm says, at rest at random
 pressures, under its key load as computed by tier exact. Camera and tags are placed by
 its key simulation.mounts.
@@ -362,7 +309,6 @@ tags) and, if it also has a camera, picture_0001.jpg .. and tag_corners.csv (wha
 detector finds in them).
 json: out, seed, captures, pictures, tags, and the paths scene, truth, tag_poses and
 tag_corners (null if absent). With --board: pictures alone.)");
-  return {command, [options](const GlobalOptions& global) { return run(*options, global); }};
 }
 
 }  // namespace helix_arm::cli

@@ -1,12 +1,7 @@
 #include <algorithm>
 #include <filesystem>
-#include <memory>
-#include <string>
-#include <vector>
 
-#include "arguments.hpp"
 #include "command.hpp"
-#include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/procedures/report_plot.hpp"
@@ -14,13 +9,10 @@
 #include "helix_arm/procedures/unrolled_tags.hpp"
 #include "helix_arm/vision/charuco_board.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
-#include "output.hpp"
 
 namespace helix_arm::cli {
 
 namespace {
-
-using nlohmann::json;
 
 const std::vector<std::string> kPapers = {"a4", "letter"};  // tag_pages.py has their sizes
 
@@ -155,16 +147,15 @@ json writePages(const Print& print, const TagsArguments& arguments) {
 
 json reportOf(const Print& print, const TagsArguments& arguments, const json& pages) {
   json result{
-      {"scene", nullptr},           {"family", nullptr},
-      {"size_m", nullptr},          {"ids", json::array()},
       {"left_out", print.left_out}, {"board", print.board ? boardJson(*print.board) : json()},
       {"paper", arguments.paper},   {"pages", pages},
-      {"out", arguments.out}};
+      {"ids", json::array()},       {"out", arguments.out}};
+  for (const char* key : {"scene", "family", "size_m"}) result[key] = nullptr;
   if (!print.scene) return result;
   result["scene"] = print.scene->name;
   result["family"] = print.scene->vision.detector.family;
   result["size_m"] = print.scene->tags->size;
-  result["ids"] = listJson(print.scene->tags->tags, [](const auto& tag) { return tag.id; });
+  for (const auto& tag : print.scene->tags->tags) result["ids"].push_back(tag.id);
   return result;
 }
 
@@ -201,30 +192,26 @@ int run(const TagsArguments& arguments, const GlobalOptions& global) {
     shown["notes"].push_back("left out, since no shape shows them to the camera: tags " +
                              io::listOf(print.left_out) + "; --all-tags prints them as well");
   }
-  printResult(global.format, report, shown, [&counts] {
-    return cellsOf(counts, {"scene", "tags", "size_m", "board", "paper", "pages", "out"});
-  });
+  const Csv csv{{"scene", "tags", "size_m", "board", "paper", "pages", "out"}};
+  printResult(global.format, report, shown, [&](std::ostream& out) { printCsv(counts, csv, out); });
   return kDone;
 }
 
 }  // namespace
 
-Subcommand addTags(CLI::App& app) {
-  CLI::App* command = app.add_subcommand(
-      "tags", "print the tags of a scene and where they are mounted, or a calibration board");
-  const auto arguments = std::make_shared<TagsArguments>();
-  addScene(*command, "SCENE", arguments->scene,
-           "needed unless --board is given: scene file with tags");
-  addOption(*command, "--out", arguments->out, "PDF file to write", kRequired,
-            TypeName{"FILE.pdf"});
-  addOption(*command, "--paper", arguments->paper, "paper: a4 or letter", CLI::IsMember(kPapers),
+void addTags(Commands& commands) {
+  auto [command, arguments] = commands.add<TagsArguments>(
+      "tags", "print the tags of a scene and where they are mounted, or a calibration board", run);
+  addScene(command, arguments.scene, "needed unless --board is given: scene file with tags");
+  addOption(command, "--out", arguments.out, "PDF file to write", kRequired, TypeName{"FILE.pdf"});
+  addOption(command, "--paper", arguments.paper, "paper: a4 or letter", CLI::IsMember(kPapers),
             kShowDefault);
-  command->add_flag("--all-tags", arguments->all_tags,
-                    "also the tags that no shape shows to the scene's camera");
-  addBoardFlag(*command, arguments->board,
+  command.add_flag("--all-tags", arguments.all_tags,
+                   "also the tags that no shape shows to the scene's camera");
+  addBoardFlag(command, arguments.board,
                "also a board for the calibration of a camera: tags (default), whose size does not "
                "depend on --paper, or charuco");
-  command->footer(
+  command.footer(
       R"(Every tag is drawn at tags.size_m with its id, its place on the arm, a cut line and an up
 mark. The pages after that show the unrolled arm with s, muscle, angle and stand-off of
 each tag. Print at 100 % ("actual size"): two rulers of 100 mm show whether the printer
@@ -234,7 +221,6 @@ first_id, columns, rows, size_m, pitch_m} (null without --board; of a ChArUco bo
 {dictionary, columns, rows, square_size_m, marker_size_m, legacy_pattern}), paper, pages
 (number), out.
 csv: a row of scene, tags, size_m, board, paper, pages, out.)");
-  return {command, [arguments](const GlobalOptions& global) { return run(*arguments, global); }};
 }
 
 }  // namespace helix_arm::cli

@@ -53,6 +53,10 @@ int placeIn(const char* const (&list)[kCount], const std::string& key) {
   return found == std::end(list) ? -1 : static_cast<int>(found - std::begin(list));
 }
 
+bool isNone(const json& value) {
+  return value.is_null() || (value.is_number_float() && !std::isfinite(value.get<double>()));
+}
+
 std::string readAs(const std::string& key) {
   for (const auto& [name, read_as] : kNames) {
     if (key == name) return read_as;
@@ -87,7 +91,7 @@ bool isTable(const json& value) {
 
 // A number or word, or a whole array on one line.
 std::string textOf(const json& value, const Unit* unit, bool in_list = false) {
-  if (value.is_null()) return "-";
+  if (isNone(value)) return "-";
   if (value.is_boolean()) return value.get<bool>() ? "yes" : "no";
   if (value.is_string()) return basics::printable(value.get<std::string>());
   if (value.is_array()) {
@@ -208,7 +212,7 @@ void printTable(const json& rows, int indent, std::ostream& out) {
     for (const Leaf& leaf : leaves) {
       Column& column = columnOf(leaf);
       column.below = column.below || isBelow(leaf);
-      column.empty = column.empty && leaf.value->is_null();
+      column.empty = column.empty && isNone(*leaf.value);
       column.left = column.left || leaf.isText();
       if (!isBelow(leaf)) column.width = std::max(column.width, leaf.text().size());
     }
@@ -240,7 +244,7 @@ void printTable(const json& rows, int indent, std::ostream& out) {
       return "-";
     });
     for (const Leaf& leaf : leaves) {
-      if (leaf.value->is_null() || !columnOf(leaf).below) continue;
+      if (isNone(*leaf.value) || !columnOf(leaf).below) continue;
       const int count =
           leaf.isText() ? std::exchange(rows_with[{leaf.title(), leaf.text()}], 0) : 1;
       if (count == 1) printLeaf(leaf, 0, indent + 2 * kStep, out);
@@ -278,17 +282,17 @@ void printText(const json& result, std::ostream& out) {
   const Leaves leaves = leavesOf(report);
   std::size_t width = 0;
   for (const Leaf& leaf : leaves) {
-    if (!leaf.value->is_null() && !isTable(*leaf.value)) width = std::max(width, leaf.name.size());
+    if (!isNone(*leaf.value) && !isTable(*leaf.value)) width = std::max(width, leaf.name.size());
   }
   for (const Leaf& leaf : leaves) {
-    if (!leaf.value->is_null()) printLeaf(leaf, width, 0, out);
+    if (!isNone(*leaf.value)) printLeaf(leaf, width, 0, out);
   }
 }
 
 std::string lineOf(const json& result) {
   std::string line;
   for (const Leaf& leaf : leavesOf(result)) {
-    if (leaf.value->is_null()) continue;
+    if (isNone(*leaf.value)) continue;
     line += (line.empty() ? "" : "; ") + leaf.name + " ";
     if (!isTable(*leaf.value)) line += leaf.shown();
     for (std::size_t i = 0; isTable(*leaf.value) && i < leaf.value->size(); ++i) {

@@ -1,19 +1,12 @@
 #include <algorithm>
-#include <cmath>
 #include <filesystem>
 #include <iostream>
 #include <limits>
-#include <memory>
-#include <sstream>
-#include <string>
-#include <vector>
 
-#include "arguments.hpp"
 #include "command.hpp"
 #include "helix_arm/basics/median.hpp"
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/atomic_file.hpp"
-#include "helix_arm/io/scene.hpp"
 #include "helix_arm/localization/arm_view.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/procedures/report_plot.hpp"
@@ -24,13 +17,11 @@
 #include "helix_arm/statics/stiffness_by_input.hpp"
 #include "helix_arm/statics/tier.hpp"
 #include "helix_arm/vision/arm_localizer.hpp"
-#include "output.hpp"
 
 namespace helix_arm::cli {
 namespace {
 
 namespace fs = std::filesystem;
-using nlohmann::json;
 using statics::Tier;
 using vision::TrackingMode;
 
@@ -51,8 +42,8 @@ struct TradeRow {
   std::string part;     ///< model, curve, sight or fit: rows of one part compete with each other
   std::string tier;     ///< of the part
   std::string setting;  ///< of the tier; empty where it has none
-  double time;          ///< median of one answer [s]
-  double error;         ///< as a part of the arm's length; infinite where there is no answer
+  double time = 0;      ///< median of one answer [s]
+  double error = 0;     ///< as a part of the arm's length; infinite where there is no answer
   bool on_frontier = false;
 };
 
@@ -210,8 +201,19 @@ Film shoot(const io::Scene& scene, int count) {
   return film;
 }
 
-double tipDistance(const Eigen::Vector3d& tip, const model::Shape& truth) {
-  return (tip - model::tipPose(truth).translation).norm();
+// Median time and error of a tip that is found in each picture, or not.
+TradeRow rowOf(const io::Scene& scene, const Film& film, TradeRow row,
+               const std::function<std::optional<Eigen::Vector3d>(std::size_t)>& tipIn) {
+  std::vector<double> times, errors;
+  for (std::size_t i = 0; i < film.pictures.size(); ++i) {
+    const double begin = regulator::steadyNow();
+    const std::optional<Eigen::Vector3d> tip = tipIn(i);
+    times.push_back(regulator::steadyNow() - begin);
+    errors.push_back(tip ? (*tip - model::tipPose(film.truth[i]).translation).norm() : kInfinity);
+  }
+  row.time = basics::medianOf(times);
+  row.error = basics::medianOf(errors) / scene.arm.restLength();
+  return row;
 }
 
 const char* nameOf(TrackingMode mode) {
@@ -224,17 +226,13 @@ TradeRow searchRow(const io::Scene& scene, const Film& film, TrackingMode mode, 
   config.tracking = mode;
   config.detector.quad_decimate = decimate;
   vision::ArmLocalizer localizer(scene.view(), config);
-  std::vector<double> times, errors;
-  for (std::size_t i = 0; i < film.pictures.size(); ++i) {
-    const double begin = regulator::steadyNow();
-    const vision::Observation& vision = localizer.locate(film.pictures[i], film.model[i]);
-    times.push_back(regulator::steadyNow() - begin);
-    errors.push_back(vision.state == vision::ObservationState::kMeasured
-                         ? tipDistance(model::tipPose(vision.fit.shape).translation, film.truth[i])
-                         : kInfinity);
-  }
-  return {"sight", nameOf(mode), basics::format("quad_decimate %g", decimate),
-          basics::medianOf(times), basics::medianOf(errors) / scene.arm.restLength()};
+  const auto tipIn = [&](std::size_t i) -> std::optional<Eigen::Vector3d> {
+    const vision::Observation& seen = localizer.locate(film.pictures[i], film.model[i]);
+    if (seen.state != vision::ObservationState::kMeasured) return std::nullopt;
+    return model::tipPose(seen.fit.shape).translation;
+  };
+  return rowOf(scene, film, {"sight", nameOf(mode), basics::format("quad_decimate %g", decimate)},
+               tipIn);
 }
 
 // Parameters that a fit estimates in addition to the shape.
@@ -267,20 +265,14 @@ std::vector<TradeRow> fitRows(const io::Scene& scene, const Film& film) {
     options.free_base = mode.free_base;
     options.free_border_shift = mode.free_border_shift;
     estimation::TwistFitter fitter(view.layout, view.sections, options);
-    std::vector<double> times, errors;
-    for (std::size_t i = 0; i < seen.size(); ++i) {
-      const double begin = regulator::steadyNow();
+    const auto tipIn = [&](std::size_t i) -> std::optional<Eigen::Vector3d> {
       const estimation::TwistFit& fit =
           mode.cold ? fitter.fitCold(seen[i], view.X_CB, focal, film.model[i])
                     : fitter.fit(seen[i], view.X_CB, focal, film.model[i]);
-      times.push_back(regulator::steadyNow() - begin);
-      const bool measured = fit.status == estimation::FitStatus::kConverged;
-      errors.push_back(
-          measured ? tipDistance(fit.X_B0B * model::tipPose(fit.shape).translation, film.truth[i])
-                   : kInfinity);
-    }
-    rows.push_back({"fit", "corners", mode.setting, basics::medianOf(times),
-                    basics::medianOf(errors) / scene.arm.restLength()});
+      if (fit.status != estimation::FitStatus::kConverged) return std::nullopt;
+      return fit.X_B0B * model::tipPose(fit.shape).translation;
+    };
+    rows.push_back(rowOf(scene, film, {"fit", "corners", mode.setting}, tipIn));
   }
   return rows;
 }
@@ -352,20 +344,19 @@ json measure(const io::Scene& scene, const TradeOptions& options) {
             {"tier", row.tier},
             {"setting", row.setting},
             {"time_ns", 1e9 * row.time},
-            {"tip_error_percent", finite(100 * row.error)},
+            {"tip_error_percent", 100 * row.error},
             {"on_frontier", row.on_frontier}};
   });
   return {{"scene", scene.name}, {"rows", table}, {"notes", notes}};
 }
 
 fs::path makeFolder(const TradeOptions& options, const std::string& scene) {
-  const fs::path folder = options.out.empty() ? "trade_" + scene : options.out;
+  fs::path folder = options.out.empty() ? "trade_" + scene : options.out;
   std::error_code error;
   fs::create_directories(folder, error);
-  if (!error && fs::is_directory(folder, error)) return folder;
-  throw CallerError("--out " + folder.string() +
-                    " cannot be created: " + (error ? error.message() : "a file is in its place") +
-                    "; choose another folder");
+  refuseIf(!fs::is_directory(folder), "--out ", folder.string(),
+           " cannot be created: ", error.message(), "; choose another folder");
+  return folder;
 }
 
 int run(const TradeOptions& options, const GlobalOptions& global) {
@@ -373,10 +364,8 @@ int run(const TradeOptions& options, const GlobalOptions& global) {
   std::optional<fs::path> folder;
   if (!options.no_files) folder = makeFolder(options, scene.name);
   const json report = measure(scene, options);
-  const auto table = [&report] {
-    return CsvTable(report["rows"],
-                    {"part", "tier", "setting", "time_ns", "tip_error_percent", "on_frontier"});
-  };
+  const Csv table{{"part", "tier", "setting", "time_ns", "tip_error_percent", "on_frontier"},
+                  "rows"};
   json shown = report;
   shown["notes"].push_back(
       "tip errors in % of the arm's length; on the frontier: no faster row of "
@@ -384,9 +373,7 @@ int run(const TradeOptions& options, const GlobalOptions& global) {
   printResult(global.format, report, shown, table);
   if (report["rows"].empty()) return kNotPossible;
   if (!folder) return kDone;
-  std::ostringstream csv;
-  table().print(csv);
-  io::writeFileAtomically(*folder / "trade.csv", csv.str());
+  io::writeFileAtomically(*folder / "trade.csv", csvText("", report, table));
   io::writeFileAtomically(*folder / "trade.json", report.dump(2) + "\n");
   procedures::drawReport(report.dump(), *folder / "trade.png", "leave it out with --no-files");
   std::cerr << "wrote trade.csv, trade.json and trade.png to " << folder->string() << "\n";
@@ -395,19 +382,18 @@ int run(const TradeOptions& options, const GlobalOptions& global) {
 
 }  // namespace
 
-Subcommand addTrade(CLI::App& app) {
-  CLI::App* command =
-      app.add_subcommand("trade", "measure accuracy against time on this scene and machine");
-  const auto options = std::make_shared<TradeOptions>();
-  addScene(*command, "SCENE", options->scene, "scene file")->required();
-  addOption(*command, "--out", options->out,
+void addTrade(Commands& commands) {
+  auto [command, options] = commands.add<TradeOptions>(
+      "trade", "measure accuracy against time on this scene and machine", run);
+  addScene(command, options.scene);
+  addOption(command, "--out", options.out,
             "folder for trade.csv, trade.json and trade.png, created if absent; default: trade_ "
             "and the scene's name");
-  command->add_flag("--no-files", options->no_files, "only print, write no files");
-  addOption(*command, "--pictures", options->pictures,
+  command.add_flag("--no-files", options.no_files, "only print, write no files");
+  addOption(command, "--pictures", options.pictures,
             "number of pictures rendered to measure sight and fit; 0 omits both",
             CLI::Range(0, kMostPictures), kShowDefault);
-  command->footer(
+  command.footer(
       R"(Parts: model (largest tip error against the exact tier, over sampled inputs), curve and
 markers (largest distance between what is drawn and the exact curve), sight and fit
 (median tip error over rendered pictures, against the true arm of the simulation). Times
@@ -416,7 +402,6 @@ json: rows [{part, tier, setting, time_ns, tip_error_percent (null: no answer),
 on_frontier}], notes.
 csv: the rows. Exit code 1, without rows or files, if no shape balances the load at any
 sampled input.)");
-  return {command, [options](const GlobalOptions& global) { return run(*options, global); }};
 }
 
 }  // namespace helix_arm::cli

@@ -1,46 +1,28 @@
 #include "helix_arm/statics/workspace.hpp"
 
-#include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <cmath>
 #include <cstdint>
-#include <cstdio>
 #include <deque>
-#include <exception>
 #include <filesystem>
 #include <future>
 #include <iostream>
-#include <memory>
-#include <optional>
 #include <sstream>
-#include <string>
 #include <thread>
-#include <utility>
 
-#include <unistd.h>
-
-#include "arguments.hpp"
 #include "command.hpp"
 #include "helix_arm/basics/median.hpp"
-#include "helix_arm/basics/text.hpp"
 #include "helix_arm/clearance/sweep.hpp"
 #include "helix_arm/io/atomic_file.hpp"
-#include "helix_arm/io/number.hpp"
-#include "helix_arm/io/scene.hpp"
 #include "helix_arm/procedures/report_plot.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
 #include "helix_arm/statics/tier.hpp"
 #include "measurements.hpp"
-#include "nlohmann/json.hpp"
-#include "output.hpp"
 
 static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "its PLY files are little-endian");
 
 namespace helix_arm::cli {
 namespace {
-
-using nlohmann::json;
 
 // Origin of a file of points.
 struct CloudOrigin {
@@ -187,55 +169,6 @@ struct WorkspaceSummary {
   }
 };
 
-constexpr double kRewritePeriod = 0.2;  // [s]
-
-// Tells on stderr how far the points are, how fast they come and how long the rest takes: on a
-// terminal one line that is rewritten, else a line every 10 %.
-class Progress {
- public:
-  // @param total  points, > 0.
-  explicit Progress(std::uint64_t total) : total_(total) {}
-  // Ends the line.
-  ~Progress() {
-    if (terminal_ && next_ > 0) std::cerr << "\n";
-  }
-  Progress(const Progress&) = delete;
-  Progress& operator=(const Progress&) = delete;
-
-  // So many are done now.
-  void reached(std::uint64_t done) {
-    const double now = seconds();
-    const std::uint64_t tenths = 10 * done / total_;
-    if (terminal_ ? now < next_ && done < total_ : tenths == tenths_) return;
-    next_ = now + kRewritePeriod;
-    tenths_ = tenths;
-    const double rate = static_cast<double>(done) / std::max(now, 1e-9);
-    const auto left =
-        static_cast<long>(std::ceil(static_cast<double>(total_ - done) / std::max(rate, 1e-9)));
-    const long minutes = left / 60;
-    const std::string text =
-        basics::format("%3d %%, %.3g points/s, ", static_cast<int>(100 * done / total_), rate) +
-        (minutes >= 60 ? basics::format("%ld h %02ld min left", minutes / 60, minutes % 60)
-         : minutes > 0 ? basics::format("%ld min %02ld s left", minutes, left % 60)
-                       : basics::format("%ld s left", left));
-    if (!terminal_) {
-      std::cerr << text << "\n";
-    } else {  // past std::cerr, which escapes control characters; the last one erases the rest
-      std::fputs(("\r" + text + "\x1b[K").c_str(), stderr);
-    }
-  }
-
-  // Since it was made [s].
-  double seconds() const { return regulator::steadyNow() - start_; }
-
- private:
-  const std::uint64_t total_;
-  const bool terminal_ = ::isatty(STDERR_FILENO) == 1;
-  const double start_ = regulator::steadyNow();
-  double next_ = 0.0;         // when the terminal's line may be written again [s]
-  std::uint64_t tenths_ = 0;  // that were told
-};
-
 // Number of points kept for medians and maps. The samples are evenly distributed, so the first ones
 // represent all.
 constexpr std::uint64_t kMostKept = 2000000;
@@ -260,18 +193,16 @@ void add(const statics::WorkspacePoints& points, Eigen::Index& kept, WorkspaceSu
 
 // Keeps the points at which the arm is clear of the zones. @return how many are not.
 int keepClear(const clearance::SweepCheck& zones, statics::WorkspacePoints& points) {
-  Eigen::Index kept = 0;
+  std::vector<Eigen::Index> clear;
   for (Eigen::Index row = 0; row < points.tips.rows(); ++row) {
-    if (!zones.isClear(points.inputs.row(row).transpose())) continue;
-    points.inputs.row(kept) = points.inputs.row(row);
-    points.tips.row(kept) = points.tips.row(row);
-    if (points.sensitivity.rows() > 0) points.sensitivity.row(kept) = points.sensitivity.row(row);
-    ++kept;
+    if (zones.isClear(points.inputs.row(row).transpose())) clear.push_back(row);
   }
-  const auto blocked = static_cast<int>(points.tips.rows() - kept);
-  points.inputs.conservativeResize(kept, Eigen::NoChange);
-  points.tips.conservativeResize(kept, Eigen::NoChange);
-  if (points.sensitivity.rows() > 0) points.sensitivity.conservativeResize(kept, Eigen::NoChange);
+  const int blocked = static_cast<int>(points.tips.rows()) - static_cast<int>(clear.size());
+  points.inputs = points.inputs(clear, Eigen::all).eval();
+  points.tips = points.tips(clear, Eigen::all).eval();
+  if (points.sensitivity.rows() > 0) {
+    points.sensitivity = points.sensitivity(clear, Eigen::all).eval();
+  }
   return blocked;
 }
 
@@ -308,7 +239,8 @@ WorkspaceSummary sampleWorkspace(const statics::Workspace& workspace,
     summary.kept.sensitivity.resize(arguments.sensitivity ? most : 0, 3);
   }
   if (file != nullptr) file->write(format.header(0));
-  Progress progress(total);
+  Progress progress("workspace", static_cast<double>(total), " inputs");
+  const double start = regulator::steadyNow();
   std::deque<std::future<Piece>> pieces;
   std::uint64_t begun = 0;
   while (!interrupted() && summary.inputs < total) {
@@ -322,9 +254,9 @@ WorkspaceSummary sampleWorkspace(const statics::Workspace& workspace,
     add(piece.points, kept, summary);
     summary.inputs += static_cast<std::uint64_t>(piece.blocked);
     summary.blocked += static_cast<std::uint64_t>(piece.blocked);
-    progress.reached(summary.inputs);
+    progress.reached(static_cast<double>(summary.inputs));
   }
-  summary.seconds = progress.seconds();
+  summary.seconds = regulator::steadyNow() - start;
   // The search for extremes knows nothing of zones.
   if (zones != nullptr) summary.extremes = summary.sampled;
   if (summary.points() > 0 && zones == nullptr) {
@@ -349,7 +281,7 @@ json reportOf(const io::Scene& scene, const statics::TierSetting& setting,
                                                   {"max", summary.worst[k]}};
   }
   const auto bounds = [](const Eigen::AlignedBox3d& box) {
-    return json{{"min", toJson(box.min())}, {"max", toJson(box.max())}};
+    return json{{"min", box.min()}, {"max", box.max()}};
   };
   json document{{"scene", scene.name},
                 {"tier", statics::nameOf(setting.tier)},
@@ -379,30 +311,29 @@ json reportOf(const io::Scene& scene, const statics::TierSetting& setting,
 }
 
 // One row, from the report.
-CsvTable csvTable(const json& report) {
-  CsvTable::Row row =
-      cellsOf(report, {"scene", "tier", "order", "seed", "count", "unbalanced", "seconds"});
+Csv csvOf(json& report) {
+  Csv csv{{"scene", "tier", "order", "seed", "count", "unbalanced", "seconds"}};
   const auto addExtremes = [&](const std::string& prefix) {
-    const json& bounds = report[prefix + "bounds_m"];
-    for (std::size_t i = 0; i < 3; ++i) {
-      for (const char* const end : {"min", "max"}) {
-        row.emplace_back(prefix + end + "_" + "xyz"[i] + "_m",
-                         bounds.is_null() ? "" : exact(bounds[end][i].get<double>()));
+    for (int axis = 0; axis < 3; ++axis) {
+      for (const std::string end : {"min", "max"}) {
+        const std::string name = prefix + end + "_" + "xyz"[axis] + "_m";
+        const json& bounds = report[prefix + "bounds_m"];
+        report[name] = bounds.is_null() ? json() : bounds[end][axis];
+        csv.columns.push_back(name);
       }
     }
-    row.push_back(cellsOf(report, {(prefix + "reach_m").c_str()}).front());
+    csv.columns.push_back(prefix + "reach_m");
   };
   addExtremes("");
   for (int k = 0; k < statics::kSensitivities && !report["sensitivity"].is_null(); ++k) {
     const std::string name = statics::kSensitivityNames[k];
-    for (const char* const figure : {"median", "max"}) {
-      row.emplace_back(figure + ("_" + name),
-                       exact(report["sensitivity"][name][figure].get<double>()));
+    for (const std::string figure : {"median", "max"}) {
+      csv.columns.emplace_back("sensitivity/" + name + "/" + figure, figure + "_" + name);
     }
   }
   addExtremes("sampled_");
-  row.push_back(cellsOf(report, {"resolution_m"}).front());
-  return row;
+  csv.columns.push_back("resolution_m");
+  return csv;
 }
 
 // The report with what it means.
@@ -447,15 +378,6 @@ void drawMaps(const WorkspaceArguments& arguments, const CloudFormat& format,
                          {"cloud.ply", format.header(count) + format.encode(summary.kept)});
 }
 
-// Fault of a --count; empty if it is valid.
-std::string checkCount(const std::string& text) {
-  const bool digits = !text.empty() && text.find_first_not_of("0123456789") == std::string::npos;
-  const std::optional<double> number = digits ? io::parseNumber(text) : std::nullopt;
-  if (number && *number >= 1 && *number <= static_cast<double>(kMostCount)) return {};
-  return text + " is not a whole number from 1 to " + std::to_string(kMostCount) +
-         ", in digits such as 1000000";
-}
-
 statics::Workspace workspaceOf(const io::Scene& scene, const WorkspaceArguments& arguments) {
   refuseIf(arguments.sensitivity && hasTendon(scene.arm), "--sensitivity is per kPa, and scene ",
            scene.name, " has tendons; leave out --sensitivity");
@@ -463,7 +385,7 @@ statics::Workspace workspaceOf(const io::Scene& scene, const WorkspaceArguments&
                             {arguments.seed, arguments.sensitivity});
 }
 
-int run(WorkspaceArguments arguments, const GlobalOptions& global) {
+int run(const WorkspaceArguments& arguments, const GlobalOptions& global) {
   const io::Scene scene = loadScene(arguments.scene, global);
   const statics::Workspace workspace = workspaceOf(scene, arguments);
   const statics::TierSetting& setting = workspace.model().choice().setting;
@@ -486,47 +408,41 @@ int run(WorkspaceArguments arguments, const GlobalOptions& global) {
     return kInterrupted;
   }
   const bool some = summary.points() > 0;
-  // If the picture fails, the summary is printed all the same, without it.
-  std::exception_ptr fault;
-  try {
-    if (!arguments.png.empty() && some) {
-      drawMaps(arguments, CloudFormat(scene.arm, origin, true), origin, summary);
-    }
-  } catch (const CallerError&) {
-    fault = std::current_exception();
-    arguments.png.clear();
+  if (!arguments.png.empty() && some) {
+    drawMaps(arguments, CloudFormat(scene.arm, origin, true), origin, summary);
   }
   const json report = reportOf(scene, setting, arguments, summary);
   printResult(global.format, report, shownOf(scene, setting, report),
-              [&report] { return csvTable(report); });
-  if (fault) std::rethrow_exception(fault);
+              [table = report](std::ostream& out) mutable {
+                const Csv csv = csvOf(table);
+                printCsv(table, csv, out);
+              });
   return some ? kDone : kNotPossible;
 }
 
 }  // namespace
 
-Subcommand addWorkspace(CLI::App& app) {
-  CLI::App* command =
-      app.add_subcommand("workspace", "reachable tip positions, and their sensitivity to errors");
-  const auto arguments = std::make_shared<WorkspaceArguments>();
-  addScene(*command, "SCENE", arguments->scene, "scene file")->required();
-  addOption(*command, "--out", arguments->out,
+void addWorkspace(Commands& commands) {
+  auto [command, arguments] = commands.add<WorkspaceArguments>(
+      "workspace", "reachable tip positions, and their sensitivity to errors", run);
+  addScene(command, arguments.scene);
+  addOption(command, "--out", arguments.out,
             "file for the points: .ply (binary, float32) or .csv (with the inputs); default: "
             "summary only");
-  addOption(*command, "--png", arguments->png, "picture file for maps of the points");
-  addOption(*command, "--count", arguments->count,
+  addOption(command, "--png", arguments.png, "picture file for maps of the points");
+  addOption(command, "--count", arguments.count,
             "number of inputs to sample, evenly within their limits; default 10000000, or 200000 "
             "with --sensitivity",
-            checkCount);
-  command->add_flag(
-      "--sensitivity", arguments->sensitivity,
+            CLI::Range(std::uint64_t{1}, kMostCount));
+  command.add_flag(
+      "--sensitivity", arguments.sensitivity,
       "also the tip displacement [m] per error of pressure, length and stiffness, at every point");
-  addOption(*command, "--seed", arguments->seed, "seed of the inputs", kShowDefault);
-  addOption(*command, "--threads", arguments->threads,
+  addOption(command, "--seed", arguments.seed, "seed of the inputs", kShowDefault);
+  addOption(command, "--threads", arguments.threads,
             "number of sampling threads, 0: one per core; the points do not depend on it",
             CLI::Range(0, kMostThreads), kShowDefault);
-  addTierOptions(*command, arguments->tier);
-  command->footer(
+  addTierOptions(command, arguments.tier);
+  command.footer(
       R"(bounds_m and reach_m are the largest values of a search from the farthest of the sampled
 points and of corners of the limits (1024, under load 128, exact tier 8): each is a tip
 position of the arm; nothing proves that there is none beyond. sampled_*: of the sampled
@@ -546,7 +462,6 @@ Of a scene with keep_out, points at which the arm is too close to a zone are lef
 counts them as blocked, and bounds and reach are those of the sampled points.
 A file appears only when it is complete. Ctrl-C: nothing is written, exit code 130. Exit
 code 1 if no input balances the load.)");
-  return {command, [arguments](const GlobalOptions& global) { return run(*arguments, global); }};
 }
 
 }  // namespace helix_arm::cli

@@ -1,9 +1,7 @@
 #include "bindings.hpp"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <iterator>
 #include <limits>
 #include <sstream>
 #include <utility>
@@ -18,8 +16,6 @@
 namespace helix_arm::python {
 namespace {
 
-constexpr py::ssize_t kMostBytes = py::ssize_t{1} << 47;
-
 constexpr std::size_t kMostKept = 64;
 
 // Compares the options that callers can choose.
@@ -27,9 +23,6 @@ bool same(const statics::InverseOptions& a, const statics::InverseOptions& b) {
   return a.preference == b.preference && a.cocontraction == b.cocontraction &&
          a.position_tolerance == b.position_tolerance;
 }
-
-// Rows of a batch that are judged for kPa, spread evenly: all would take as long as their tips.
-constexpr py::ssize_t kJudgedRows = 64;
 
 using Pairs = std::vector<std::pair<std::string, std::string>>;
 
@@ -49,20 +42,6 @@ py::array_t<double> limitsOf(const Scene& scene) {
   return out;
 }
 
-// At the first use of an object without __init__(), pybind11 asks for memory and takes it as value.
-void refuseUnmade(py::module_& module) {
-  for (const auto& [name, bound] : py::dict(module.attr("__dict__"))) {
-    if (!PyType_Check(bound.ptr())) continue;
-    auto* const type = py::detail::get_type_info(reinterpret_cast<PyTypeObject*>(bound.ptr()));
-    if (type == nullptr) continue;
-    type->operator_new = [](std::size_t) -> void* {
-      throw py::type_error(
-          "the object is of __new__() alone, without __init__(); expected one of Scene.load(), or "
-          "of a method of such a scene");
-    };
-  }
-}
-
 void translateExceptions(py::module_& module) {
   // Never freed: the interpreter may be gone by then.
   static auto& document_error =
@@ -75,12 +54,6 @@ void translateExceptions(py::module_& module) {
       if (exception) std::rethrow_exception(exception);
     } catch (const io::DocumentError& error) {
       PyErr_SetString(document_error.ptr(), error.what());
-    } catch (const TooManyRows& error) {
-      PyErr_SetString(PyExc_MemoryError, error.what());
-    } catch (const std::bad_alloc&) {
-      PyErr_SetString(
-          PyExc_MemoryError,
-          "the rows and their results need more memory than there is; pass fewer rows at a time");
     } catch (const std::out_of_range& error) {
       PyErr_SetString(PyExc_ValueError, error.what());
     }
@@ -111,8 +84,6 @@ void bindScene(py::class_<Scene>& scene) {
                                if (!camera || !self.scene().tags) return std::nullopt;
                                return std::pair(camera->model.height, camera->model.width);
                              })
-      .def_property_readonly("_solvers_made",
-                             [](const Scene& self) { return self.solvers().made(); })
       .def_property_readonly(
           "name", [](const Scene& self) { return self.scene().name; }, "Name of the scene.")
       .def_property_readonly("actuators", actuatorNames,
@@ -134,33 +105,14 @@ void bindScene(py::class_<Scene>& scene) {
 }  // namespace
 
 py::array argumentArray(const py::handle& given, const char* name) {
-  if (py::isinstance<py::array>(given)) {
-    auto array = py::reinterpret_borrow<py::array>(given);
-    const py::dtype wanted = py::dtype::of<double>();
-    const bool same = array.dtype().is(wanted) || array.dtype().equal(wanted);
-    if (!same && std::string("fiu").find(array.dtype().kind()) == std::string::npos) {
-      throw py::type_error(std::string(name) + " has dtype " + std::string(py::str(array.dtype())) +
-                           "; expected float64, another float or integers");
-    }
-    const bool aligned = (array.flags() & py::detail::npy_api::NPY_ARRAY_ALIGNED_) != 0;
-    if (!aligned || !same)
-      return py::array_t<double, py::array::c_style | py::array::forcecast>(array);
-    return array;
+  const py::array any = py::array::ensure(given);
+  PyErr_Clear();  // of lists that are no table
+  // From text, numpy would parse numbers.
+  if (!any || std::string("fiu").find(any.dtype().kind()) == std::string::npos) {
+    throw py::type_error(std::string(name) + " is " + std::string(py::repr(given)).substr(0, 60) +
+                         "; expected a numpy array of float64, or equally long rows of numbers");
   }
-  if (py::isinstance<py::list>(given) || py::isinstance<py::tuple>(given)) {
-    // From text, numpy would parse numbers.
-    const py::array any = py::array::ensure(given);
-    if (any && (any.dtype().kind() == 'f' || any.dtype().kind() == 'i' || any.size() == 0)) {
-      return py::array_t<double, py::array::c_style | py::array::forcecast>(any);
-    }
-    PyErr_Clear();
-    throw py::type_error(
-        std::string(name) +
-        " is a list that is no table of numbers; expected equally long rows of floats");
-  }
-  throw py::type_error(std::string(name) + " is of type " +
-                       std::string(py::str(py::type::of(given).attr("__name__"))) +
-                       "; expected a numpy array of float64");
+  return py::array_t<double, py::array::forcecast>(any);
 }
 
 Rows::Rows(const py::handle& given, const char* name, py::ssize_t columns)
@@ -185,24 +137,10 @@ Eigen::VectorXd Rows::row(py::ssize_t row) const {
 }
 
 std::vector<py::ssize_t> Rows::shapeOf(const std::vector<py::ssize_t>& entry) const {
-  py::ssize_t most = kMostBytes / static_cast<py::ssize_t>(sizeof(double));
-  for (const py::ssize_t size : entry) most /= size;
-  if (rows_ > most) {
-    throw TooManyRows(name_ + " has " + std::to_string(rows_) +
-                      " rows, whose results take more than the 128 TiB that a process can address; "
-                      "expected at most " +
-                      std::to_string(most) + ", and no more than the memory holds");
-  }
   std::vector<py::ssize_t> shape;
   if (!single_) shape.push_back(rows_);
   shape.insert(shape.end(), entry.begin(), entry.end());
   return shape;
-}
-
-void Rows::refuseChange() const {
-  throw py::value_error(
-      name_ +
-      " changed during the call; expected an array that no thread writes until the call returns");
 }
 
 void Rows::requireFinite() const {
@@ -246,7 +184,6 @@ Solvers::Loan Solvers::take(const statics::InverseOptions& options) {
     }
   }
   loan.reset(new statics::InverseSolver(model_, options));
-  ++made_;
   return loan;
 }
 
@@ -265,65 +202,41 @@ Scene::Scene(const std::string& path, const std::vector<io::Override>& overrides
     : path_(path),
       overrides_(overrides),
       scene_(io::loadScene(path, overrides_)),
-      solvers_(scene_.model) {
-  for (int i = 0; i < arm().actuatorCount(); ++i) {
-    if (model::unitOf(arm().actuator(i).drive).pressure) pressures_.push_back(i);
-  }
-}
+      solvers_(scene_.model) {}
 
 Rows Scene::inputs(const py::handle& given, const char* name) const {
+  constexpr py::ssize_t kJudged = 64;  // rows that are judged for kPa: all would take long
   Rows inputs(given, name, arm().actuatorCount());
-  warnOfKilopascals(inputs);
-  return inputs;
-}
-
-void Scene::warnOfKilopascals(const Rows& inputs) const {
-  const py::ssize_t judged = std::min(inputs.rows(), kJudgedRows);
-  const py::ssize_t step = judged > 1 ? (inputs.rows() - 1) / (judged - 1) : 1;
-  bool any = false;
+  for (py::ssize_t i = 0; i < inputs.columns() && inputs.rows() > 0; ++i) {
+    if (inputs(0, i) >= control::UnitWatch::kSuspicious) return inputs;
+  }
+  const py::ssize_t judged = std::min(inputs.rows(), kJudged);
+  Eigen::MatrixXd sample(judged, inputs.columns());
   for (py::ssize_t k = 0; k < judged; ++k) {
-    for (const int i : pressures_) {
-      const double pressure = inputs(k * step, i);
-      // Rows of pascals are told by the first of them.
-      if (!(pressure >= 0 && pressure < control::UnitWatch::kSuspicious)) return;
-      any = any || pressure > 0;
-    }
+    sample.row(k) = inputs.row(judged > 1 ? k * (inputs.rows() - 1) / (judged - 1) : 0);
   }
-  if (!any) return;
-  // No value of the rows: Python shows a text once per place of the call.
-  const std::string message =
-      inputs.name() + " looks like kPa, as no pressure reaches " +
-      std::to_string(static_cast<int>(control::UnitWatch::kSuspicious)) + " Pa in up to " +
-      std::to_string(kJudgedRows) +
-      " rows, evenly spread; expected gauge pressures in Pa, so 200 kPa are 200e3";
-  if (PyErr_WarnEx(PyExc_UserWarning, message.c_str(), 2) != 0) throw py::error_already_set();
-}
-
-void Scene::requireWithinLimits(const Rows& inputs) const {
-  const model::Arm& arm = this->arm();
-  for (py::ssize_t i = 0; i < inputs.columns(); ++i) {
-    const model::Actuator& actuator = arm.actuator(static_cast<int>(i));
-    const model::Range limits = actuator.limits;
-    for (py::ssize_t row = 0; row < inputs.rows(); ++row) {
-      const double input = inputs(row, i);  // once, as others may write it
-      if (limits.contains(input)) continue;
-      const model::DriveUnit unit = model::unitOf(actuator.drive);
-      std::ostringstream message;
-      message.precision(12);
-      message << inputs.name() << " asks " << actuator.name << " for " << input << " " << unit.si;
-      if (!inputs.single()) message << " in row " << row;
-      message << "; its limits are " << limits.lower << " to " << limits.upper << " " << unit.si
-              << (unit.pressure ? " (gauge)" : "");
-      throw std::invalid_argument(message.str());
-    }
+  const std::string warning = control::kilopascalWarning(name, arm(), sample);
+  if (!warning.empty() && PyErr_WarnEx(PyExc_UserWarning, warning.c_str(), 2) != 0) {
+    throw py::error_already_set();
   }
+  return inputs;
 }
 
 void Scene::copyRow(const Rows& inputs, py::ssize_t row, Eigen::VectorXd* q) const {
   q->resize(inputs.columns());
-  for (py::ssize_t i = 0; i < inputs.columns(); ++i) {
-    (*q)[i] = inputs(row, i);
-    if (!arm().actuator(static_cast<int>(i)).limits.contains((*q)[i])) inputs.refuseChange();
+  for (int i = 0; i < arm().actuatorCount(); ++i) {
+    const model::Actuator& actuator = arm().actuator(i);
+    const model::Range limits = actuator.limits;
+    const double input = (*q)[i] = inputs(row, i);
+    if (limits.contains(input)) continue;
+    const model::DriveUnit unit = model::unitOf(actuator.drive);
+    std::ostringstream message;
+    message.precision(12);
+    message << inputs.name() << " asks " << actuator.name << " for " << input << " " << unit.si;
+    if (!inputs.single()) message << " in row " << row;
+    message << "; its limits are " << limits.lower << " to " << limits.upper << " " << unit.si
+            << (unit.pressure ? " (gauge)" : "");
+    throw std::invalid_argument(message.str());
   }
 }
 
@@ -338,7 +251,6 @@ PYBIND11_MODULE(_core, module) {
   bindRecordings(module, scene);
   bindExperiments(module, scene);
   bindNodes(module, scene);
-  refuseUnmade(module);
   module.attr("version") = HELIX_ARM_VERSION;
   module.def(
       "shipped_scenes", [] { return io::shippedNames(io::kShippedScenes); },

@@ -5,10 +5,9 @@
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
-#include <exception>
 #include <functional>
+#include <future>
 #include <memory>
-#include <new>
 #include <optional>
 #include <string>
 #include <thread>
@@ -32,18 +31,7 @@ namespace helix_arm::python {
 namespace py = pybind11;
 using namespace py::literals;
 
-/// More rows than results can have. Python raises MemoryError.
-class TooManyRows : public std::bad_alloc {
- public:
-  explicit TooManyRows(std::string message) : message_(std::move(message)) {}
-  const char* what() const noexcept override { return message_.c_str(); }
-
- private:
-  std::string message_;
-};
-
-/// Rows of numbers in a caller's array, read where they are, whatever its strides. As other threads
-/// may write it meanwhile, what was checked is copied, checked again and computed with.
+/// Rows of numbers in a caller's array, read where they are, whatever its strides.
 class Rows {
  public:
   /// One row (columns), or many (N, columns). Aligned arrays of float64 are not copied; other
@@ -61,12 +49,9 @@ class Rows {
   }
   Eigen::VectorXd row(py::ssize_t row) const;
   /// Shape of a result with one entry per row: what follows is that entry's shape.
-  /// @throws TooManyRows naming the argument if no process can hold them.
   std::vector<py::ssize_t> shapeOf(const std::vector<py::ssize_t>& entry) const;
   /// @throws ValueError naming the argument and the row of an entry that is NaN or infinite.
   void requireFinite() const;
-  /// Ends a call in which a number broke its rule after all were checked.
-  [[noreturn]] void refuseChange() const;
 
   /// Distances between neighbours [bytes].
   py::ssize_t rowStride() const { return row_stride_; }
@@ -108,9 +93,7 @@ class Entries {
   py::ssize_t size_ = 1;
 };
 
-/// New array of a vector (n) or a matrix (rows, columns), in the order of C. Numbers given to
-/// py::array_t are copied by NumPy, which gives up the interpreter meanwhile: when it ends, a
-/// daemon thread is then unwound through its caller.
+/// New array of a vector (n) or a matrix (rows, columns), in the order of C.
 template <class Derived>
 py::array arrayOf(const Eigen::MatrixBase<Derived>& values) {
   std::vector<py::ssize_t> shape{values.rows()};
@@ -121,6 +104,14 @@ py::array arrayOf(const Eigen::MatrixBase<Derived>& values) {
     for (Eigen::Index j = 0; j < values.cols(); ++j) *to++ = values(i, j);
   }
   return std::move(out);
+}
+
+/// Python's list of the function's results for each of the values.
+template <class Values, class PartsOf>
+py::list listOf(const Values& values, const PartsOf& partsOf) {
+  py::list out;
+  for (const auto& value : values) out.append(partsOf(value));
+  return out;
 }
 
 /// Writes a position (3) [m] and a quaternion (4); NaN unless it was found.
@@ -138,8 +129,6 @@ class Solvers {
   explicit Solvers(const statics::ArmModel& model);
   /// @throws as InverseSolver does.
   Loan take(const statics::InverseOptions& options);
-  /// How many were made.
-  std::int64_t made() const { return made_; }
 
  private:
   struct Kept {
@@ -151,7 +140,6 @@ class Solvers {
                 std::unique_ptr<statics::InverseSolver> solver) noexcept;
 
   const statics::ArmModel& model_;
-  std::atomic<std::int64_t> made_{0};
   basics::Mutex mutex_;
   std::vector<Kept> kept_ HELIX_ARM_GUARDED_BY(mutex_);  // the last is at the end
 };
@@ -170,29 +158,21 @@ class Scene {
   const model::Arm& arm() const { return scene_.arm; }
   /// Whether shapes are solved, under a load or along tapered sections.
   bool isLoaded() const { return !model().isLinear(); }
-  bool isPneumatic() const {
-    return pressures_.size() == static_cast<std::size_t>(arm().actuatorCount());
-  }
   /// Solvers that calls leave for the next ones.
   Solvers& solvers() const { return solvers_; }
 
-  /// The inputs of an argument, one row per actuator's input.
+  /// The inputs of an argument, one column per actuator.
   /// @throws as Rows does, and what a caller's filter makes of a warning of kPa.
   Rows inputs(const py::handle& given, const char* name) const;
-  /// @throws ValueError naming argument, row, actuator and limits.
-  void requireWithinLimits(const Rows& inputs) const;
-  /// Copies a row of inputs that were within the limits.
-  /// @throws ValueError if they are not any more.
+  /// Copies a row of them.
+  /// @throws std::invalid_argument naming argument, row, actuator and limits of one beyond these.
   void copyRow(const Rows& inputs, py::ssize_t row, Eigen::VectorXd* q) const;
 
  private:
-  void warnOfKilopascals(const Rows& inputs) const;
-
   std::string path_;
   std::vector<io::Override> overrides_;
   io::Scene scene_;
-  std::vector<int> pressures_;  // the actuators whose inputs are pressures
-  mutable Solvers solvers_;     // guarded by itself
+  mutable Solvers solvers_;  // guarded by itself
 };
 
 void bindModel(py::class_<Scene>& scene);
@@ -238,41 +218,29 @@ class OthersRun {
 };
 
 /// Calls work(first, end) for pieces that make up [0, count), on so many threads (0: on all cores),
-/// or as many as can be made, the caller being one. A piece begins at a multiple of `piece`.
-/// @throws what work threw first in one of the threads; the other threads then end early.
+/// the caller being one. A piece begins at a multiple of `piece`.
+/// @throws what work threw; the other threads then end early.
 template <class Work>
 void inPieces(std::size_t count, std::size_t piece, std::size_t threads, const Work& work) {
-  const std::size_t pieces = (count + piece - 1) / piece;
   if (threads == 0) threads = std::max(1u, std::thread::hardware_concurrency());
-  threads = std::min(threads, pieces);
-  if (threads <= 1) {
-    if (count > 0) work(std::size_t{0}, count);
-    return;
-  }
+  if (threads == 1) piece = std::max<std::size_t>(count, 1);
   std::atomic<std::size_t> next{0};
-  std::vector<std::exception_ptr> thrown(threads);
-  const auto run = [&](std::size_t thread) {
+  const auto run = [&] {
     try {
-      for (std::size_t i = next++; i < pieces; i = next++) {
-        work(i * piece, std::min(count, (i + 1) * piece));
+      for (std::size_t first; (first = next.fetch_add(piece)) < count;) {
+        work(first, std::min(count, first + piece));
       }
     } catch (...) {
-      thrown[thread] = std::current_exception();
-      next = pieces;
+      next = count;
+      throw;
     }
   };
-  std::vector<std::thread> others;
-  others.reserve(threads - 1);
-  try {
-    while (others.size() < threads - 1) others.emplace_back(run, others.size() + 1);
-  } catch (const std::exception&) {
-    // No more can be made; those that are there do the work.
+  std::vector<std::future<void>> others;
+  for (std::size_t i = 1; i < threads && i * piece < count; ++i) {
+    others.push_back(std::async(std::launch::async, run));
   }
-  run(0);
-  for (std::thread& other : others) other.join();
-  for (const std::exception_ptr& exception : thrown) {
-    if (exception) std::rethrow_exception(exception);
-  }
+  run();
+  for (std::future<void>& other : others) other.get();
 }
 
 /// Rows that are the work of one thread at a time; results do not depend on the division.
@@ -281,14 +249,13 @@ struct Piece {
 };
 
 /// Calls work(row, q) with a copy of each row of inputs, while other threads of Python run.
-/// @throws as Scene::requireWithinLimits() and copyRow().
+/// @throws as Scene::copyRow().
 template <class Work>
 void forEachRow(const Scene& scene, const Rows& inputs, const Piece& piece, std::size_t threads,
                 const Work& work) {
   std::optional<OthersRun> others_run;
   // For one row without load, letting others run costs more than the row.
   if (inputs.rows() > 1 || scene.isLoaded()) others_run.emplace();
-  scene.requireWithinLimits(inputs);
   inPieces(static_cast<std::size_t>(inputs.rows()),
            scene.isLoaded() ? piece.solved : piece.closed_form, threads,
            [&](std::size_t first, std::size_t end) {

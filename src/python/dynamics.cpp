@@ -1,4 +1,3 @@
-#include <algorithm>
 #include <array>
 #include <memory>
 #include <optional>
@@ -62,14 +61,17 @@ py::tuple motion(const Scene& scene, const py::handle& pressures, const std::vec
   std::int64_t* const count = steps.mutable_data();
   {
     const OthersRun others_run;
-    scene.requireWithinLimits(inputs);
     const ArmMotion arm = motionOf(scene, order, step);
     inPieces(static_cast<std::size_t>(rollouts), 1, threads,
              [&](std::size_t begin, std::size_t end) {
                dynamics::InputSeries series{times, {rows, inputs.columns()}};
+               Eigen::VectorXd q;
                for (std::size_t r = begin; r < end; ++r) {
                  const auto first = static_cast<py::ssize_t>(r) * rows;
-                 for (py::ssize_t i = 0; i < rows; ++i) series.input.row(i) = inputs.row(first + i);
+                 for (py::ssize_t i = 0; i < rows; ++i) {
+                   scene.copyRow(inputs, first + i, &q);
+                   series.input.row(i) = q;
+                 }
                  const auto summary =
                      arm.follow(series, beginning, times, [&](std::size_t i, const auto& pose) {
                        const std::size_t at = static_cast<std::size_t>(first) + i;
@@ -133,7 +135,6 @@ class Dynamics {
   Eigen::VectorXd inputOf(const py::handle& pressures) const {
     const Rows rows = scene_.inputs(pressures, "pressures_pa");
     basics::require(rows.rows() == 1, "pressures_pa has ", rows.rows(), " rows; expected one");
-    scene_.requireWithinLimits(rows);
     Eigen::VectorXd input;
     scene_.copyRow(rows, 0, &input);
     return input;

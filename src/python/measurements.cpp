@@ -91,24 +91,6 @@ py::dict shapeOf(const io::Scene& scene, const estimation::TwistFit* fit) {
                   "outlier_tags"_a = outliers);
 }
 
-// Pressures of tag poses outside the limits count as at them: they are but a start.
-std::vector<estimation::Capture> capturesOf(const io::Scene& scene, const io::DataSet& data) {
-  if (procedures::kindOf(data) != procedures::DataKind::kTagPoses) {
-    return procedures::loadCaptures(scene, data).captures;
-  }
-  std::vector<estimation::Capture> out;
-  for (const io::TagPoseCapture& capture :
-       io::loadTagPoses(data, scene.arm.actuatorCount(), scene.X_BF)) {
-    std::vector<estimation::PoseObservation> seen;
-    for (const io::TagPose& tag : capture.tags) {
-      const int index = scene.tags->find(tag.id);
-      if (index >= 0) seen.push_back({index, tag.X_BT});
-    }
-    out.push_back({capture.number, scene.arm.clamped(capture.pressure), std::move(seen)});
-  }
-  return out;
-}
-
 // @return number, pressures and shape of each capture.
 py::list fit(const Scene& self, const Data& data) {
   const io::Scene& scene = self.scene();
@@ -116,7 +98,9 @@ py::list fit(const Scene& self, const Data& data) {
                   " has none; expected a scene with a section tags");
   const io::DataSet set = dataSetOf(data);
   warnOfMissing(set, scene);
-  const std::vector<estimation::Capture> measured = capturesOf(scene, set);
+  // Pressures outside the limits count as at them: they are but where the fit begins.
+  std::vector<estimation::Capture> measured =
+      procedures::loadCaptures(scene, set, procedures::OutsideLimits::kKept).captures;
   basics::require(
       measured.empty() ||
           !std::holds_alternative<estimation::CurvatureReading>(measured.front().reading),
@@ -124,8 +108,9 @@ py::list fit(const Scene& self, const Data& data) {
 
   py::list out;
   estimation::TwistFitter fitter(*scene.tags, scene.arm.sectionCount(), scene.vision.fit);
-  for (const estimation::Capture& capture : measured) {
+  for (estimation::Capture& capture : measured) {
     if (PyErr_CheckSignals() != 0) throw py::error_already_set();
+    capture.pressure = scene.arm.clamped(capture.pressure);
     const estimation::TwistFit* found = nullptr;
     {
       const OthersRun others_run;
@@ -200,8 +185,6 @@ py::list localize(const Scene& self, const py::array_t<std::uint8_t, py::array::
   const Rows inputs = self.inputs(pressures, "pressures_pa");
   basics::require(inputs.single() || inputs.rows() == count, "pressures_pa has ", inputs.rows(),
                   " rows; expected one per picture: ", count);
-  self.requireWithinLimits(inputs);
-
   vision::ArmLocalizer localizer(scene.view(), scene.vision);
   Eigen::VectorXd q;
   py::list out;
@@ -236,41 +219,45 @@ py::list localize(const Scene& self, const py::array_t<std::uint8_t, py::array::
   return out;
 }
 
-py::list parameterList(const procedures::CalibrationOutcome& outcome) {
-  py::list out;
-  for (const estimation::Parameter& one : procedures::parametersOf(outcome)) {
-    const bool judged = procedures::isJudged(one);
-    out.append(py::dict(
-        "name"_a = one.name, "unit"_a = one.unit, "initial"_a = one.initial, "value"_a = one.value,
-        "standard_error"_a = judged ? std::optional(one.standard_error) : std::nullopt,
-        "identifiable"_a = judged ? std::optional(one.identifiable) : std::nullopt));
-  }
-  return out;
+py::dict dictOf(const estimation::Parameter& one) {
+  const bool judged = procedures::isJudged(one);
+  return py::dict("name"_a = one.name, "unit"_a = one.unit, "initial"_a = one.initial,
+                  "value"_a = one.value,
+                  "standard_error"_a = judged ? std::optional(one.standard_error) : std::nullopt,
+                  "identifiable"_a = judged ? std::optional(one.identifiable) : std::nullopt);
 }
 
-py::list combinationsOf(const estimation::Calibration& calibration) {
-  py::list out;
-  for (const estimation::Combination& one : calibration.combinations) {
-    py::dict exponents;
-    for (const auto& power : one.powers) exponents[py::str(power.parameter)] = power.exponent;
-    out.append(py::dict("name"_a = one.name, "exponents"_a = exponents, "value"_a = one.value,
-                        "relative_error"_a = one.relative_error,
-                        "identifiable"_a = one.identifiable));
-  }
-  return out;
+py::dict dictOf(const estimation::Combination& one) {
+  py::dict exponents;
+  for (const auto& power : one.powers) exponents[py::str(power.parameter)] = power.exponent;
+  return py::dict("name"_a = one.name, "exponents"_a = exponents, "value"_a = one.value,
+                  "relative_error"_a = one.relative_error, "identifiable"_a = one.identifiable);
 }
 
-py::list curvesOf(const procedures::CalibrationOutcome& outcome) {
-  py::list out;
-  for (const auto& [name, curve] : outcome.contractions) {
-    out.append(py::dict(
-        "name"_a = name, "is_quintic"_a = curve.kind == estimation::CurveKind::kQuintic,
-        "coefficients_m"_a = curve.coefficients,
-        "reference_pressure_pa"_a = curve.reference_pressure, "pressures_pa"_a = curve.pressures,
-        "lengths_m"_a = curve.lengths, "rms_m"_a = curve.rms, "constrained"_a = curve.constrained,
-        "hysteresis_m"_a = curve.hysteresis, "found"_a = curve.curve.has_value()));
-  }
-  return out;
+py::dict dictOf(const std::pair<std::string, estimation::ContractionFit>& named) {
+  const auto& [name, curve] = named;
+  return py::dict("name"_a = name, "is_quintic"_a = curve.kind == estimation::CurveKind::kQuintic,
+                  "coefficients_m"_a = curve.coefficients,
+                  "reference_pressure_pa"_a = curve.reference_pressure,
+                  "pressures_pa"_a = curve.pressures, "lengths_m"_a = curve.lengths,
+                  "rms_m"_a = curve.rms, "constrained"_a = curve.constrained,
+                  "hysteresis_m"_a = curve.hysteresis, "found"_a = curve.curve.has_value());
+}
+
+py::dict dictOf(const estimation::Suspect& one) {
+  return py::dict("cause"_a = one.cause, "where"_a = one.where, "explains"_a = one.explains,
+                  "remedy"_a = one.remedy);
+}
+
+py::dict dictOf(const procedures::FollowAlarm& alarm) {
+  return py::dict("time_s"_a = alarm.time, "onset_s"_a = alarm.onset,
+                  "force_n"_a = arrayOf(alarm.force), "covariance"_a = arrayOf(alarm.covariance),
+                  "normalised"_a = alarm.normalised);
+}
+
+template <class Values>
+py::list dictsOf(const Values& values) {
+  return listOf(values, [](const auto& one) { return dictOf(one); });
 }
 
 // @param noises  of curvatures [rad], corners [px], positions [m] and rotations [rad], 0: the
@@ -298,15 +285,6 @@ procedures::CalibrationRequest requestOf(const std::vector<std::string>& words,
   return request;
 }
 
-py::list suspectList(const std::vector<estimation::Suspect>& suspects) {
-  py::list out;
-  for (const estimation::Suspect& one : suspects) {
-    out.append(py::dict("cause"_a = one.cause, "where"_a = one.where, "explains"_a = one.explains,
-                        "remedy"_a = one.remedy));
-  }
-  return out;
-}
-
 py::dict calibrate(const Scene& self,
                    const std::variant<procedures::CalibrationData, std::vector<Data>>& data,
                    const std::vector<std::string>& words, const std::string& contraction,
@@ -330,13 +308,13 @@ py::dict calibrate(const Scene& self,
                                          recorded ? *recorded : read);
   }
   py::dict out("success"_a = outcome.success, "message"_a = outcome.message,
-               "parameters"_a = parameterList(outcome), "correlation"_a = py::none(),
-               "combinations"_a = py::list(), "error_unit"_a = "", "rms"_a = py::none(),
-               "held_out_error"_a = py::none(), "next_pressures_pa"_a = py::none(),
-               "contractions"_a = curvesOf(outcome),
+               "parameters"_a = dictsOf(procedures::parametersOf(outcome)),
+               "correlation"_a = py::none(), "combinations"_a = py::list(), "error_unit"_a = "",
+               "rms"_a = py::none(), "held_out_error"_a = py::none(),
+               "next_pressures_pa"_a = py::none(), "contractions"_a = dictsOf(outcome.contractions),
                "tip_error_before_m"_a = outcome.tip_error_before,
                "tip_error_after_m"_a = outcome.tip_error_after,
-               "suspects"_a = suspectList(outcome.suspects), "warnings"_a = outcome.warnings,
+               "suspects"_a = dictsOf(outcome.suspects), "warnings"_a = outcome.warnings,
                "scene_text"_a = outcome.scene_text, "response_rms_m"_a = py::none());
   if (outcome.response) out["response_rms_m"] = outcome.response->fit.rms;
   if (outcome.series) {
@@ -353,11 +331,10 @@ py::dict calibrate(const Scene& self,
   out["rms"] = found.rms;
   if (found.correlation.size() == 0) return out;  // without errors
   out["correlation"] = arrayOf(found.correlation);
-  out["combinations"] = combinationsOf(found);
+  out["combinations"] = dictsOf(found.combinations);
   if (found.by_pressure) out["held_out_error"] = found.by_pressure->error;
-  py::list next;
-  for (const Eigen::VectorXd& pressures : found.next_pressures) next.append(arrayOf(pressures));
-  out["next_pressures_pa"] = next;
+  out["next_pressures_pa"] =
+      listOf(found.next_pressures, [](const Eigen::VectorXd& each) { return arrayOf(each); });
   return out;
 }
 
@@ -434,24 +411,18 @@ py::tuple follow(const Scene& self, const py::object& tips, const py::object& pa
     result = procedures::runFollow(self.scene(), rig.scene(), plan, progress);
   }
   if (interrupted) throw py::error_already_set();
-  py::list states, unreachable, alarms;
-  for (const FollowRow& row : result.rows) {
-    states.append(follow::nameOf(row.state));
-    unreachable.append(row.unreachable);
-  }
-  for (const procedures::FollowAlarm& alarm : result.alarms) {
-    alarms.append(py::dict(
-        "time_s"_a = alarm.time, "onset_s"_a = alarm.onset, "force_n"_a = arrayOf(alarm.force),
-        "covariance"_a = arrayOf(alarm.covariance), "normalised"_a = alarm.normalised));
-  }
+  const auto states = listOf(result.rows, [](const FollowRow& row) { return nameOf(row.state); });
+  const auto unreachable =
+      listOf(result.rows, [](const FollowRow& row) { return row.unreachable; });
   const procedures::FollowFigures& figures = result.figures;
   return py::make_tuple(
-      arrayOf(numbersOf(result.rows, self.arm().actuatorCount())), states, unreachable, alarms,
+      arrayOf(numbersOf(result.rows, self.arm().actuatorCount())), states, unreachable,
+      dictsOf(result.alarms),
       py::dict("path_rms_m"_a = figures.path_rms, "path_max_m"_a = figures.path_max,
                "last_turn_rms_m"_a = figures.last_turn_rms, "steady_rms_m"_a = figures.steady_rms,
                "settle_s"_a = figures.settle, "pictures"_a = result.pictures,
                "vented"_a = result.vented, "reason"_a = failureOf(plan, result),
-               "budget"_a = budgetOf(result.budget), "suspects"_a = suspectList(result.suspects)));
+               "budget"_a = budgetOf(result.budget), "suspects"_a = dictsOf(result.suspects)));
 }
 
 // @return rows of a time [s], a position [m] and a velocity [m/s].

@@ -62,8 +62,8 @@ void tipsOfBatch(const Scene& scene, const model::TipBatch& batch, const Rows& i
                           inputs.columnStride()};
   array.first = array.place(first, 0);
   if (batch.rows(array, end - first, out + 3 * first)) return;
-  scene.requireWithinLimits(inputs);  // says where
-  inputs.refuseChange();
+  Eigen::VectorXd q;
+  for (py::ssize_t row = 0; row < inputs.rows(); ++row) scene.copyRow(inputs, row, &q);  // throws
 }
 
 // Tip positions [m], shape (3,) or (N, 3). Rows without equilibrium hold NaN.
@@ -262,7 +262,6 @@ py::dict inverse(const Scene& scene, const std::string& kind, const py::object& 
     basics::require(starts->rows() == 1 || starts->rows() == targets.rows(), "start has ",
                     starts->rows(), " rows; expected one, or as many as ", kind, ": ",
                     targets.rows());
-    scene.requireWithinLimits(*starts);
   }
   const bool cocontracts = options.preference == statics::Preference::kCocontraction;
   const Eigen::VectorXd usual = arm.inputAt(cocontracts ? options.cocontraction : 0.0);
@@ -277,7 +276,6 @@ py::dict inverse(const Scene& scene, const std::string& kind, const py::object& 
       for (std::size_t i = first; i < end; ++i) {
         const auto row = static_cast<py::ssize_t>(i);
         const Eigen::VectorXd target = targets.row(row);
-        if (!target.allFinite()) targets.refuseChange();
         if (starts) scene.copyRow(*starts, starts->rows() == 1 ? 0 : row, &from);
         found.set(i, tip    ? solver->toPosition(target, from)
                      : pose ? solver->toPose(poseOf(target, i), from)

@@ -60,7 +60,6 @@ void bindNodes(py::module_& module, py::class_<Scene>& scene) {
       .def_property_readonly("_has_vision", [](const Scene& self) { return self.scene().isSeen(); })
       .def_property_readonly("_has_bodies",
                              [](const Scene& self) { return self.scene().hasBodies(); })
-      .def_property_readonly("_is_pneumatic", &Scene::isPneumatic)
       .def("_require_same_rig", [](const Scene& self, const Scene& next) {
         io::requireSameRig(self.scene(), next.scene());
       });

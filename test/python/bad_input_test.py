@@ -27,15 +27,11 @@ class RuleTest(unittest.TestCase):
 
     def test_shape_and_type_of_pressures(self):
         for call in [self.scene.forward, self.scene.tips, self.scene.curve, self.scene.jacobian]:
-            for bad in [np.zeros(2), np.zeros((4, 2)), np.zeros((2, 2, 3)), np.zeros(()), np.zeros((3, 0)), np.zeros(0)]:
+            for bad in [np.zeros(2), np.zeros((4, 2)), np.zeros((2, 2, 3)), np.zeros(()), np.zeros((3, 0)), np.zeros(0), 7]:
                 self.refuses(ValueError, ["pressures_pa has shape", "expected (3,) or (N, 3)"], call, bad)
-            for bad in [np.zeros(3, complex), np.zeros(3, bool),
-                        np.array(["1", "2", "3"]), np.array([None, 1, 2])]:
-                self.refuses(TypeError, ["pressures_pa has dtype", "expected float64"], call, bad)
-            for bad in [None, "1,2,3", 7, {1, 2, 3}, object()]:
-                self.refuses(TypeError, ["pressures_pa is of type", "numpy array"], call, bad)
-            for bad in [[1, "a", 2], [[1, 2, 3], [1, 2]], ["1", "2", "3"], [None] * 3]:
-                self.refuses(TypeError, ["pressures_pa is a list"], call, bad)
+            for bad in [np.zeros(3, complex), np.zeros(3, bool), np.array(["1", "2", "3"]), np.array([None, 1, 2]), None, "1,2,3",
+                        {1, 2, 3}, object(), [1, "a", 2], [[1, 2, 3], [1, 2]], ["1", "2", "3"], [None] * 3]:
+                self.refuses(TypeError, ["pressures_pa is ", "expected a numpy array of float64"], call, bad)
 
     def test_limits_and_finiteness_of_pressures(self):
         for call in [self.scene.forward, self.scene.tips, self.scene.curve, self.scene.jacobian]:
@@ -74,7 +70,7 @@ class RuleTest(unittest.TestCase):
         np.testing.assert_allclose(memory[3], self.scene.tips(GOOD), atol=1e-15)
 
     def test_kilopascals(self):
-        with self.assertWarnsRegex(UserWarning, "^pressures_pa looks like kPa, as no pressure reaches 1000 Pa") as caught:
+        with self.assertWarnsRegex(UserWarning, "^all pressures of pressures_pa are at most 200 Pa, which looks like kPa") as caught:
             self.scene.forward([200.0, 0.0, 50.0])
         self.assertEqual(caught.filename, __file__)
         with warnings.catch_warnings():
@@ -84,7 +80,7 @@ class RuleTest(unittest.TestCase):
             self.refuses(UserWarning, ["looks like kPa"], self.scene.tips, np.ones((3, 3)))
             # Of a batch, rows from its beginning to its end are judged: 64 of them.
             many = 100_000
-            self.refuses(UserWarning, ["looks like kPa", "in up to 64 rows, evenly spread"], self.scene.tips, np.ones((many, 3)))
+            self.refuses(UserWarning, ["looks like kPa"], self.scene.tips, np.ones((many, 3)))
             self.scene.tips(np.outer(np.linspace(0, 1, many), GOOD))
             for layout in [np.zeros((many, 3)), np.zeros((many, 3), order="F")]:
                 self.scene.tips(layout)

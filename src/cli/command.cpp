@@ -1,11 +1,10 @@
-#include "arguments.hpp"
+#include "command.hpp"
 
+#include <atomic>
 #include <cmath>
 #include <filesystem>
 #include <iostream>
 #include <sstream>
-#include <stdexcept>
-#include <utility>
 
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/control/target_check.hpp"
@@ -19,6 +18,9 @@ namespace {
 const char* const kTags = "tags";
 const char* const kCharuco = "charuco";
 constexpr double kUsualMarker = 0.75;  // of the side of a square
+
+std::atomic<bool> noted{false};
+static_assert(std::atomic<bool>::is_always_lock_free, "a signal handler sets it");
 
 statics::TierRequest requestOf(const TierArguments& arguments) {
   statics::TierRequest request;
@@ -97,6 +99,46 @@ vision::CharucoBoard charucoOf(const BoardArguments& arguments) {
 
 }  // namespace
 
+CLI::App& Commands::add(const char* name, const char* help,
+                        std::function<int(const GlobalOptions&)> run) const {
+  works_->push_back({app_.add_subcommand(name, help), std::move(run)});
+  return *works_->back().app;
+}
+
+Commands Commands::group(const char* name, const char* help) const {
+  Commands below(*app_.add_subcommand(name, help)->require_subcommand(1));
+  below.works_ = works_;
+  return below;
+}
+
+int Commands::run(const GlobalOptions& global) const {
+  const auto parsed = std::find_if(works_->begin(), works_->end(),
+                                   [](const Work& work) { return work.app->parsed(); });
+  return parsed == works_->end() ? kCallerErred : parsed->run(global);
+}
+
+InterruptWatch::InterruptWatch() {
+  noted = false;
+  struct sigaction action {};
+  action.sa_handler = [](int) { noted = true; };
+  for (std::size_t i = 0; i < kSignals.size(); ++i) sigaction(kSignals[i], &action, &before_[i]);
+}
+
+InterruptWatch::~InterruptWatch() {
+  for (std::size_t i = 0; i < kSignals.size(); ++i) sigaction(kSignals[i], &before_[i], nullptr);
+}
+
+bool interrupted() { return noted; }
+
+bool Progress::reached(double done) {
+  const int tenths = static_cast<int>(10 * done / total_);
+  if (tenths > tenths_) {
+    std::cerr << what_ << basics::format(": %.10g of %.10g%s\n", done, total_, unit_);
+  }
+  tenths_ = tenths;
+  return !interrupted();
+}
+
 std::vector<io::Override> overridesOf(const GlobalOptions& global) {
   std::vector<io::Override> overrides;
   for (const std::string& text : global.overrides) {
@@ -119,15 +161,19 @@ void requireNoInput(const std::string& out, const std::string& input) {
   throw CallerError("--out " + out + " is an input; expected the path of another file");
 }
 
-CLI::Option* addScene(CLI::App& command, const std::string& option, std::string& scene,
-                      const std::string& what) {
+CLI::Option* addSceneOption(CLI::App& command, const std::string& option, std::string& scene,
+                            const std::string& help) {
   // A name that is not known is refused when the scene is loaded, so that --help still works.
   const auto resolve = [](std::string& given) -> std::string {
     given = io::findScene(given).value_or(given);
     return {};
   };
-  return addOption(command, option, scene, what + ", or name of a shipped scene")
+  return addOption(command, option, scene, help + ", or name of a shipped scene")
       ->transform(CLI::Validator(resolve, ""));
+}
+
+void addScene(CLI::App& command, std::string& scene, const std::string& help) {
+  addSceneOption(command, "SCENE", scene, help)->required();
 }
 
 io::Scene loadScene(const std::string& path, const GlobalOptions& global) {
@@ -156,39 +202,42 @@ Eigen::VectorXd numberList(const std::string& option, const std::string& text, i
   return numbers;
 }
 
-Eigen::VectorXd inputsOf(const io::Scene& scene, const std::string& kpa_option,
-                         const std::string& kpa_text, const std::string& si_option,
-                         const std::string& si_text) {
+void addInputOptions(CLI::App& command, InputArguments& inputs, const std::string& kpa_help,
+                     const std::string& si_help) {
+  addOption(command, inputs.kpa_option, inputs.kpa, kpa_help);
+  if (!si_help.empty()) addOption(command, inputs.si_option, inputs.si, si_help);
+}
+
+Eigen::VectorXd inputsOf(const io::Scene& scene, const InputArguments& inputs) {
   const model::Arm& arm = scene.arm;
-  const bool in_kpa = !kpa_text.empty();
-  refuseIf(in_kpa == !si_text.empty(), "give either ", kpa_option, " or ", si_option);
-  refuseIf(in_kpa && hasTendon(arm), kpa_option, " is for pressures, but scene ", scene.name,
-           " has tendons; give ", si_option, " in SI units (Pa or rad) for ",
+  const bool in_kpa = !inputs.kpa.empty();
+  refuseIf(in_kpa == !inputs.si.empty(), "give either ", inputs.kpa_option, " or ",
+           inputs.si_option);
+  refuseIf(in_kpa && hasTendon(arm), inputs.kpa_option, " is for pressures, but scene ", scene.name,
+           " has tendons; give ", inputs.si_option, " in SI units (Pa or rad) for ",
            basics::joined(actuatorNames(arm)));
-  const std::string& option = in_kpa ? kpa_option : si_option;
-  const std::vector<std::string> parts = wordsOf((in_kpa ? kpa_text : si_text) + ",");
+  const std::string& option = in_kpa ? inputs.kpa_option : inputs.si_option;
+  const std::vector<std::string> parts = wordsOf((in_kpa ? inputs.kpa : inputs.si) + ",");
   refuseIf(static_cast<int>(parts.size()) != arm.actuatorCount(), option, " has ", parts.size(),
            " values; scene ", scene.name, " has ", arm.actuatorCount(),
            " actuators: ", basics::joined(actuatorNames(arm)));
-  Eigen::VectorXd inputs(arm.actuatorCount());
+  Eigen::VectorXd out(arm.actuatorCount());
   for (int i = 0; i < arm.actuatorCount(); ++i) {
     const model::Actuator& actuator = arm.actuator(i);
     const std::optional<double> number = io::parseNumber(parts[i]);
-    if (number) inputs[i] = in_kpa ? io::pascals(*number) : *number;
-    if (number && actuator.limits.contains(inputs[i])) continue;
+    if (number) out[i] = in_kpa ? io::pascals(*number) : *number;
+    if (number && actuator.limits.contains(out[i])) continue;
     throw CallerError(option + " asks " + actuator.name + " for " +
-                      (number ? inputText(actuator, inputs[i]) : '"' + parts[i] + '"') +
+                      (number ? inputText(actuator, out[i]) : '"' + parts[i] + '"') +
                       "; its limits are " + inputText(actuator, actuator.limits.lower) + " to " +
                       inputText(actuator, actuator.limits.upper));
   }
-  if (!in_kpa) warnOfKilopascals(option, arm, inputs.transpose());
-  return inputs;
+  if (!in_kpa) warnOfKilopascals(option, arm, out.transpose());
+  return out;
 }
 
-Eigen::VectorXd inputsOrRest(const io::Scene& scene, const std::string& kpa_text,
-                             const std::string& si_text) {
-  if (kpa_text.empty() && si_text.empty()) return scene.arm.inputAt(0);
-  return inputsOf(scene, "--pressure-kpa", kpa_text, "--input", si_text);
+Eigen::VectorXd inputsOrRest(const io::Scene& scene, const InputArguments& inputs) {
+  return inputs.given() ? inputsOf(scene, inputs) : scene.arm.inputAt(0);
 }
 
 void warnOfKilopascals(const std::string& what, const model::Arm& arm,
@@ -235,12 +284,6 @@ statics::ArmModel modelOf(const io::Scene& scene, const TierArguments& arguments
     throw CallerError(std::string(flag) + " is not possible with scene " + scene.name + ": " +
                       error.what());
   }
-}
-
-std::vector<std::string> actuatorNames(const model::Arm& arm) {
-  std::vector<std::string> names;
-  for (int i = 0; i < arm.actuatorCount(); ++i) names.push_back(arm.actuator(i).name);
-  return names;
 }
 
 std::string inputText(const model::Actuator& actuator, double input) {
@@ -294,7 +337,7 @@ CalibrationBoard boardOf(const BoardArguments& arguments) {
   return vision::TagBoard();
 }
 
-nlohmann::json boardJson(const CalibrationBoard& board) {
+json boardJson(const CalibrationBoard& board) {
   if (const auto* tags = std::get_if<vision::TagBoard>(&board)) {
     return {{"family", tags->family}, {"first_id", tags->first_id}, {"columns", tags->columns},
             {"rows", tags->rows},     {"size_m", tags->tag_size},   {"pitch_m", tags->pitch}};
