@@ -100,8 +100,8 @@ vision::CharucoBoard charucoOf(const BoardArguments& arguments) {
 }  // namespace
 
 CLI::App& Commands::add(const char* name, const char* help,
-                        std::function<int(const GlobalOptions&)> run) const {
-  works_->push_back({app_.add_subcommand(name, help), std::move(run)});
+                        std::function<int(const GlobalOptions&)> work) const {
+  works_->push_back({app_.add_subcommand(name, help), std::move(work)});
   return *works_->back().app;
 }
 

@@ -58,16 +58,17 @@ class Commands {
 
   explicit Commands(CLI::App& app) : app_(app), works_(std::make_shared<std::vector<Work>>()) {}
   /// Adds a command.
-  /// @param run  its work, which gives an exit code.
+  /// @param work  gives an exit code.
   CLI::App& add(const char* name, const char* help,
-                std::function<int(const GlobalOptions&)> run) const;
+                std::function<int(const GlobalOptions&)> work) const;
   /// @param options  those that it shares with others; default: its own.
   template <class Options>
   Added<Options> add(const char* name, const char* help,
-                     int (*run)(const Options&, const GlobalOptions&),
+                     int (*work)(const Options&, const GlobalOptions&),
                      const std::shared_ptr<Options>& options = std::make_shared<Options>()) {
-    CLI::App& command = add(
-        name, help, [options, run](const GlobalOptions& global) { return run(*options, global); });
+    CLI::App& command = add(name, help, [options, work](const GlobalOptions& global) {
+      return work(*options, global);
+    });
     return {command, *options};
   }
   /// Adds a command that needs one of those below it.
