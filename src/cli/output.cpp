@@ -109,7 +109,7 @@ void addCells(const json& report, const Column& column, const model::Arm* arm, C
   if (key == "twist") return addTwists(value, *arm, cells);
   if (key == "covariance") return addTriangle(value, *arm, cells);
   if (key == "quaternion_xyzw") return addNumbers(value, "q@", 4, cells);
-  if (key == "position_m") return addNumbers(value, "@_m", 3, cells);
+  if (key == "position_m" && column.name.empty()) return addNumbers(value, "@_m", 3, cells);
   if (key == "tip" || key == "base") {
     const bool none = value.is_null();
     addNumbers(none ? json() : value["position_m"], key + "_@_m", 3, cells);

@@ -202,7 +202,8 @@ int run(const TagsArguments& arguments, const GlobalOptions& global) {
 void addTags(Commands& commands) {
   auto [command, arguments] = commands.add<TagsArguments>(
       "tags", "print the tags of a scene and where they are mounted, or a calibration board", run);
-  addScene(command, arguments.scene, "needed unless --board is given: scene file with tags");
+  addSceneOption(command, "SCENE", arguments.scene,
+                 "needed unless --board is given: scene file with tags");
   addOption(command, "--out", arguments.out, "PDF file to write", kRequired, TypeName{"FILE.pdf"});
   addOption(command, "--paper", arguments.paper, "paper: a4 or letter", CLI::IsMember(kPapers),
             kShowDefault);
