@@ -1,7 +1,9 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <limits>
 
 #include "aim.hpp"
@@ -33,15 +35,17 @@ class TimeRing {
     return nullptr;
   }
 
- private:
   struct Entry {
     double time;
     Value value;
   };
+  int count() const { return count_; }
+  /// The newest has the age 0.
   const Entry& at(int age) const {
     return entries_[static_cast<std::size_t>((newest_ - age + kMost) % kMost)];
   }
 
+ private:
   std::array<Entry, kMost> entries_ = {};
   int newest_ = -1;
   int count_ = 0;
@@ -63,6 +67,8 @@ class ResponseTracker {
         upper_(highestPressures(arm_)),
         pressure_(effective_),
         asked_(effective_),
+        play_(Eigen::VectorXd::Zero(effective_.size())),
+        crossed_(play_),
         then_{effective_, effective_} {
     release();
     // Each entry of the ring gets its memory.
@@ -108,20 +114,38 @@ class ResponseTracker {
   /// Limits an aim to effective pressures that are attainable from here.
   void limit(Aim& aim) const { aim.limit(lower_, upper_); }
 
-  /// Pressures (n) with these effective pressures [Pa].
-  const Eigen::VectorXd& pressureFor(const Eigen::VectorXd& effective) {
+  /// Pressures (n) with these effective pressures [Pa]. Where the target moves, a play is crossed
+  /// at once: the change is led by a part of the lags, since the jolt of a muscle that turns late
+  /// makes the arm swing.
+  /// @param dt             since the last call [s].
+  /// @param time_constant  of the regulator; 0 at rest, where noise would make muscles turn [s].
+  const Eigen::VectorXd& pressureFor(const Eigen::VectorXd& effective, double dt,
+                                     double time_constant) {
     // Within a learnt play, noise of the readings would move a command that holds.
     if (learns_ && (effective - asked_).cwiseAbs().maxCoeff() < kHeld) return pressure_;
     asked_ = effective;
     response_.inputsFor(arm_, effective, pressure_);
+    play_ = pressure_ - effective;
+    if (time_constant == 0) crossed_ = play_;
+    for (int i = 0; i < arm_.actuatorCount(); ++i) {
+      const double left = play_[i] - crossed_[i];
+      const model::Actuator& actuator = arm_.actuator(i);
+      const model::Response& told = actuator.response;
+      const double lag = time_constant + late().lag + (left > 0 ? told.rise_time : told.fall_time);
+      pressure_[i] = std::clamp(pressure_[i] + kLed * lag / kCrossing * left, actuator.limits.lower,
+                                actuator.limits.upper);
+    }
+    crossed_ -= std::expm1(-dt / kCrossing) * (play_ - crossed_);
     return pressure_;
   }
   /// Nothing is commanded: the next command is no held one.
   void release() { asked_.setConstant(-std::numeric_limits<double>::infinity()); }
 
  private:
-  static constexpr int kMostTurns = 512;  // more than the observer's memory at 200 Hz
-  static constexpr double kHeld = 1.0;    // an effective pressure that changes by less [Pa]
+  static constexpr int kMostTurns = 512;     // more than the observer's memory at 200 Hz
+  static constexpr double kCrossing = 0.05;  // time constant of a play that is crossed [s]
+  static constexpr double kLed = 0.5;        // part of the lags, which are known roughly
+  static constexpr double kHeld = 1.0;       // an effective pressure that changes by less [Pa]
 
   // The part of an estimate to reckon with: what the pictures hardly show is not made up for.
   static double sureOf(const estimation::Estimated& found) {
@@ -137,6 +161,8 @@ class ResponseTracker {
   Eigen::VectorXd effective_;
   Eigen::VectorXd beyond_;  // the pressures (n) [Pa]
   Eigen::VectorXd lower_, upper_, pressure_, asked_;
+  Eigen::VectorXd play_,
+      crossed_;  // pressures beyond the effective ones, and what is reached (n) [Pa]
   control::PressureObserver::Estimate then_;  // a dead time ago
   TimeRing<Eigen::VectorXd, kMostTurns> history_;
 };

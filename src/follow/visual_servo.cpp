@@ -18,6 +18,7 @@
 #include "helix_arm/tracking/response_estimator.hpp"
 #include "helix_arm/tracking/tip_compliance.hpp"
 #include "loop_watches.hpp"
+#include "path_memory.hpp"
 #include "response_tracker.hpp"
 
 namespace helix_arm::follow {
@@ -38,8 +39,17 @@ constexpr double kUsualTime = 5.0;       // time constant of that distance [s]
 constexpr double kSwingSpread = 0.7;
 constexpr double kShortestRamp = 1e-3;  // of a step [s]
 constexpr double kAhead = 0.1;          // of the velocities between which a path accelerates [s]
+constexpr double kLearntTime = 0.05;    // time constant of what is learnt of a path [s]
+constexpr double kBefore = 5.0;         // of a path, while correction, lag and mode are found [s]
+constexpr double kLeastReach = 0.005;   // within which places of a path are alike [m]
+constexpr double kSlowSwing = 1.5;      // frequency of an arm whose mode is not known [Hz]
 
 constexpr int kMostTurns = 2048;  // history of the wanted tip
+
+// The wanted tip at one time, base frame.
+struct Wanted {
+  Eigen::Vector3d place, velocity;  // [m], [m/s]
+};
 
 // When pictures arrived and were accepted, and how well the tip is known from them.
 struct Sight {
@@ -138,6 +148,7 @@ struct VisualServo::Workspace {
     velocity.setZero();
     acceleration.setZero();
     turn.path_time.reset();
+    learnt_goal.setZero();
     if (!path) return;
     const bool stands = turn.held || waits(dt);
     if (!stands) path_time += dt;
@@ -150,12 +161,25 @@ struct VisualServo::Workspace {
       velocity = reference.velocity;
       acceleration =
           (at(path_time + kAhead).velocity - at(path_time - kAhead).velocity) / (2 * kAhead);
+      const double end = path->lastTime() - control::kShortestStep;
+      if (path_time >= 0 && path_time < end) {
+        const auto [dead_time, lag] = response.late();
+        const double ahead = config.time_constant + dead_time + lag + kLearntTime;
+        const control::TipReference later = at(std::min(path_time + ahead, end));
+        learnt_goal = memory.at(later.position, later.velocity, reachAt(later.velocity));
+      }
     }
     if (reference.rotation) {
       target = lie::SE3{*reference.rotation, reference.position};
     } else {
       target = reference.position;
     }
+  }
+
+  // What swings by itself within half a period of the mode is not learnt.
+  double reachAt(const Eigen::Vector3d& along) const {
+    const double frequency = swing.mode() ? swing.mode()->frequency * pace : kSlowSwing;
+    return std::max(kLeastReach, 0.5 * along.norm() / frequency);
   }
 
   // A path waits at its first point for an arm that a slow slew, a lag or a shaped step keeps from
@@ -176,7 +200,7 @@ struct VisualServo::Workspace {
     return true;
   }
 
-  void command() {
+  void command(double dt) {
     const statics::InverseResult& result = solve(*target, false);
     turn.status = result.status;
     reaches = result.status == statics::InverseStatus::kReached;
@@ -186,7 +210,8 @@ struct VisualServo::Workspace {
     commanded =
         aim.led({velocity, acceleration}, config.time_constant, response.late(), swing.mode());
     if (swing.mode()) commanded -= shareHeldBack(observer.time() - begun_at) * held_back;
-    turn.pressure = response.pressureFor(commanded);
+    turn.pressure =
+        response.pressureFor(commanded, dt, velocity.isZero() ? 0.0 : config.time_constant);
   }
 
   // Share held back of a step in three ramps, half a period of the mode apart, which leave it at
@@ -248,11 +273,12 @@ struct VisualServo::Workspace {
   // The corrected model is brought where a load takes its tip to the wanted place.
   const statics::InverseResult& solve(const Target& wanted_tip, bool fresh) {
     response.limit(aim);
+    const Eigen::Vector3d off = learnt - beyond;
     if (const auto* position = std::get_if<Eigen::Vector3d>(&wanted_tip)) {
-      return aim.solve(Eigen::Vector3d(*position - beyond), fresh);
+      return aim.solve(Eigen::Vector3d(*position + off), fresh);
     }
     if (const auto* pose = std::get_if<lie::SE3>(&wanted_tip)) {
-      return aim.solve(lie::SE3{pose->rotation, pose->translation - beyond}, fresh);
+      return aim.solve(lie::SE3{pose->rotation, pose->translation + off}, fresh);
     }
     return aim.solve(wanted_tip, fresh);
   }
@@ -302,13 +328,17 @@ struct VisualServo::Workspace {
   void compare(double stamp, double now, const Eigen::VectorXd& pressure,
                const model::Twists& twists) {
     error.reset();
-    const auto* const place = wanted.find(stamp);
+    const auto* const at = wanted.find(stamp);
     const auto shape = tracker.shape(pressure);
-    if (!place || !shape) return;
+    if (!at || !shape) return;
     const lie::SE3 tip = model::tipPose(shape->about(twists));
-    const Eigen::Vector3d offset = tip.translation + contact.load().tip_beyond_fit - *place;
+    const Eigen::Vector3d offset = tip.translation + contact.load().tip_beyond_fit - at->place;
     error = offset.norm();
     if (stamp <= aimed_at) return;  // says nothing of the present target
+    if (path && path_time > kBefore && turn.state == LoopState::kClosed &&
+        !contact.load().contact) {
+      memory.add(stamp, at->place, at->velocity, reachAt(at->velocity), offset);
+    }
     const bool corrected = turn.state == LoopState::kClosed && !path && within_reach;
     diverged |= divergence.add(now, offset, corrected);
   }
@@ -341,7 +371,10 @@ struct VisualServo::Workspace {
   Eigen::Vector3d velocity = Eigen::Vector3d::Zero(), acceleration = velocity;
 
   Sight sight;
-  TimeRing<Eigen::Vector3d, kMostTurns> wanted;
+  TimeRing<Wanted, kMostTurns> wanted;
+  PathMemory memory;
+  // Where a path is aimed off it, and where that goes [m].
+  Eigen::Vector3d learnt = Eigen::Vector3d::Zero(), learnt_goal = Eigen::Vector3d::Zero();
   DivergenceWatch divergence;
   double aimed_at = -std::numeric_limits<double>::infinity();  // at the target [s]
   bool reaches = false;       // the corrected model reaches the target
@@ -419,6 +452,7 @@ void VisualServo::reset() {
   w.budget.reset();
   w.forgetContact();
   w.swing.reset();
+  w.memory.clear();
   w.response.learn(w.swing.response());
   w.estimated.set(w.tracker.correction());
   w.sight.forget();
@@ -444,6 +478,7 @@ const Turn& VisualServo::reading(double time, const Eigen::VectorXd& set_point,
     w.tracker.forgetTime();
     w.watch.forgetTime();
     w.wanted.clear();
+    w.memory.clear();
     w.divergence.clear();
     w.sight.forgetTime();
     w.aimed_at = w.slow_until = w.begun_at = -std::numeric_limits<double>::infinity();
@@ -470,9 +505,10 @@ const Turn& VisualServo::reading(double time, const Eigen::VectorXd& set_point,
   w.turn.commands = w.turn.state != LoopState::kIdle;
   if (w.turn.commands) {
     w.moveWanted(dt);
-    w.command();
+    w.learnt -= std::expm1(-dt / kLearntTime) * (w.learnt_goal - w.learnt);
+    w.command(dt);
     w.turn.wanted = tipOf(*w.target, w.arm);
-    w.wanted.add(time, w.turn.wanted.translation);
+    w.wanted.add(time, {w.turn.wanted.translation, w.velocity});
   } else if (w.observer.started()) {
     w.response.release();
     w.aim.startAt(w.response.effective());
