@@ -105,6 +105,7 @@ void bindScene(py::class_<Scene>& scene) {
 }  // namespace
 
 py::array argumentArray(const py::handle& given, const char* name) {
+  if (py::isinstance<py::array_t<double>>(given)) return py::reinterpret_borrow<py::array>(given);
   const py::array any = py::array::ensure(given);
   PyErr_Clear();  // of lists that are no table
   // From text, numpy would parse numbers.
