@@ -247,21 +247,6 @@ std::optional<CrossValidation> leaveOut(const std::vector<ArmCaptures>& read, co
   return left_out;
 }
 
-std::optional<Verdict> unfinished(const CalibrationFit& fit) {
-  if (!fit.determined) {
-    return Verdict{
-        CalibrationStatus::kNotConverged,
-        "readings and priors leave some combination of the parameters undetermined, to rounding; "
-        "check the standard errors of the readings and the priors, or fit fewer parameters"};
-  }
-  if (!fit.converged) {
-    return Verdict{CalibrationStatus::kNotConverged,
-                   "the fit did not converge; check the poses of camera and tags in the scene, and "
-                   "that the captures are of this arm"};
-  }
-  return std::nullopt;
-}
-
 }  // namespace
 
 bool ArmCaptures::isLoaded() const {
@@ -302,7 +287,12 @@ Calibration calibrate(const std::vector<ArmCaptures>& arms, const CalibrationOpt
     return leave_out ? leaveOut(arms, groups, kind, options.robust_scale, one) : std::nullopt;
   };
   const CalibrationFit fit = fitIdentified(arms, options, selectionOf(options), kind, check);
-  if (const auto verdict = unfinished(fit)) return refused(std::move(out), *verdict);
+  if (!fit.converged) {
+    return refused(std::move(out),
+                   {CalibrationStatus::kNotConverged,
+                    "the fit did not converge; check the poses of camera and tags in the scene, "
+                    "and that the captures are of this arm"});
+  }
   addFit(fit, out);
   const std::vector<Comparison> comparisons = fit.problem->compare(fit.noise_scale);
   out.noise_scale = fit.noise_scale;

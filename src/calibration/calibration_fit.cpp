@@ -207,11 +207,8 @@ Candidate candidateOf(const std::vector<ArmCaptures>& arms, const CalibrationOpt
   fit.converged = estimate.converged;
   fit.noise_scale = estimate.noise_scale;
   fit.freedom = estimate.freedom;
-  fit.determined = estimate.determined;
   if (!options.errors) return candidate;
   Statistics statistics = statisticsOf(*fit.problem, fit.noise_scale);
-  fit.determined = fit.determined && statistics.determined;
-  fit.converged = fit.converged && fit.determined;
   fit.information = std::move(statistics.information);
   const auto entries = static_cast<Eigen::Index>(selection.stiffness().size());
   candidate.marginal = statistics.covariance.topLeftCorner(entries, entries);
@@ -402,7 +399,7 @@ CalibrationFit fitIdentified(const std::vector<ArmCaptures>& arms,
   const bool good = isGood(first.fit);
   if (first.fit.left_out) first.fit.asked.left_out = first.fit.left_out->jackknife;
   const std::vector<FitParameter> entries = wanted.stiffness();
-  if (good || entries.empty() || !first.fit.determined) return std::move(first.fit);
+  if (good || entries.empty()) return std::move(first.fit);
   const std::vector<ParameterInfo> infos = first.fit.problem->parameters();
   const auto hold = [&](CalibrationFit& fit, const std::vector<int>& fitted) {
     for (int e = 0; e < static_cast<int>(entries.size()); ++e) {

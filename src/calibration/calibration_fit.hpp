@@ -19,16 +19,12 @@ namespace helix_arm::estimation {
 /// over the shapes.
 struct Statistics {
   Eigen::MatrixXd information, covariance;  ///< (parameters x parameters)
-  /// Whether the information is positive definite; otherwise the covariance is NaN, and so is the
-  /// information of free shapes.
-  bool determined = true;
 };
 Statistics statisticsOf(CalibrationProblem& problem, double noise_scale);
 
 /// Joint estimate of parameters and noise.
 struct NoisySolution {
   bool converged = false;
-  bool determined = true;   ///< as of Statistics; if it is not, it did not converge
   double noise_scale = 1;   ///< noise as a multiple of the expected noise
   double solved_scale = 1;  ///< the scale used in the last solution, close to noise_scale
   double cost = 0;          ///< of the last solution
@@ -66,9 +62,6 @@ struct CrossValidation {
 struct CalibrationFit {
   std::shared_ptr<CalibrationProblem> problem;  ///< at the fitted values
   bool converged = false;
-  /// Whether readings and priors determine all parameters; otherwise there is no covariance, and it
-  /// did not converge.
-  bool determined = true;
   double noise_scale = 1;  ///< noise as a multiple of the expected noise
   double freedom = 1;      ///< residuals from which it was estimated, less the fitted parameters
   // The sizes are those of the problem's parameters; empty without errors.

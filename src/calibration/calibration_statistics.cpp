@@ -29,7 +29,6 @@ constexpr double kLeastFree = 0.1;
 constexpr double kLeastVariance = 1e-12;
 // Factor on the standard errors of free lengths while the noise of captures is estimated.
 constexpr double kLooseCurve = 10.0;
-constexpr double kNoNumber = std::numeric_limits<double>::quiet_NaN();
 
 // Median of the squared norm of this many standard normal residuals (Wilson and Hilferty).
 double medianSquare(int residuals) { return residuals * std::pow(1 - 2.0 / (9 * residuals), 3); }
@@ -160,20 +159,12 @@ std::vector<Eigen::VectorXd> singlesAndPairs(const model::Arm& arm) {
 Statistics statisticsOf(CalibrationProblem& problem, double noise_scale) {
   CalibrationEquations& equations = problem.equations(noise_scale);
   const auto count = static_cast<Eigen::Index>(problem.parameters().size());
-  Statistics out;
-  const Eigen::MatrixXd none = Eigen::MatrixXd::Constant(count, count, kNoNumber);
   if (problem.selection().free_shapes) {
-    out.determined = equations.factor(Eigen::VectorXd::Zero(problem.priorInformation().size()));
-    out.information = out.determined ? equations.reduced() : none;
-    out.covariance = out.determined ? equations.reducedInverse() : none;
-    return out;
+    equations.factor(Eigen::VectorXd::Zero(problem.priorInformation().size()));
+    return {equations.reduced(), equations.reducedInverse()};
   }
-  out.information = equations.hessian();
-  const Eigen::LLT<Eigen::MatrixXd> root(out.information);
-  out.determined = root.info() == Eigen::Success;
-  out.covariance =
-      out.determined ? root.solve(Eigen::MatrixXd::Identity(count, count)).eval() : none;
-  return out;
+  const Eigen::MatrixXd& information = equations.hessian();
+  return {information, information.llt().solve(Eigen::MatrixXd::Identity(count, count))};
 }
 
 NoisySolution solveWithNoise(CalibrationProblem& problem, double bias, bool rough) {
@@ -205,8 +196,7 @@ NoisySolution solveWithNoise(CalibrationProblem& problem, double bias, bool roug
     // They hardly change between a rough and an exact solution at one noise.
     if (before != counted_at) {
       const std::optional<double> counted = dataParameters(problem, before);
-      estimate.determined = counted.has_value();
-      if (!estimate.determined) break;
+      if (!counted) return NoisySolution();
       data_parameters = *counted;
     }
     counted_at = before;
@@ -225,7 +215,6 @@ NoisySolution solveWithNoise(CalibrationProblem& problem, double bias, bool roug
     estimate.cost = solved.cost;
     estimate.solved_scale = estimate.noise_scale;
   }
-  estimate.converged = estimate.converged && estimate.determined;
   return estimate;
 }
 

@@ -213,7 +213,7 @@ class Diagnosis {
                                     CalibrationOptions options, Effort effort) {
     options.max_iterations = std::min(options.max_iterations, kMostIterations);
     CalibrationProblem problem(read, options, selectionOf(options));
-    if (!solveWithNoise(problem, 0, effort == Effort::kRough).determined) return std::nullopt;
+    solveWithNoise(problem, 0, effort == Effort::kRough);
     Quality out = qualityOf(problem);
     if (!std::isfinite(out.square)) return std::nullopt;
     if (effort == Effort::kFull) out.usual = std::pow(usualScale(read, options, problem), 2);
