@@ -52,49 +52,22 @@ void checkTier(const io::Scene& scene, const TierArguments& arguments,
 constexpr model::Range kTipErrorPercent{2e-7, 100};
 constexpr model::Range kTimeUs{1e-3, 1e9};
 
-void addCharucoOptions(CLI::App& command, BoardArguments& arguments) {
-  vision::CharucoBoard& board = arguments.charuco;
-  arguments.of_charuco = {
-      addOption(command, "--squares", arguments.squares,
-                "of a ChArUco board: number of squares across and down, default 7,9",
-                TypeName{"ACROSS,DOWN"}),
-      addOption(command, "--square-size-m", board.square_size,
-                "of a ChArUco board: side of a square [m], default 0.024", TypeName{"S"}),
-      addOption(command, "--marker-size-m", board.marker_size,
-                "of a ChArUco board: side of a marker's black border [m], default three quarters "
-                "of a square",
-                TypeName{"S"}),
-      addOption(command, "--dictionary", board.dictionary,
-                "of a ChArUco board: its markers, by OpenCV's name, default DICT_4X4_50",
-                TypeName{"NAME"}),
-      command.add_flag("--legacy-pattern", board.legacy_pattern,
-                       "of a ChArUco board with an even number of squares down: its top left "
-                       "square is white, as OpenCV before 4.6 drew it")};
-}
-
-bool isGiven(const BoardArguments& arguments, const std::string& name) {
-  return std::any_of(
-      arguments.of_charuco.begin(), arguments.of_charuco.end(),
-      [&name](const CLI::Option* one) { return one->get_name() == name && one->count() > 0; });
-}
-
-vision::CharucoBoard charucoOf(const BoardArguments& arguments) {
-  vision::CharucoBoard board = arguments.charuco;
-  if (!arguments.squares.empty()) {
-    const Eigen::Vector2d squares = numberList("--squares", arguments.squares, 2);
-    for (const double count : squares) {
-      if (count == std::floor(count) && std::abs(count) <= 1e6) continue;
-      throw CallerError("--squares is " + arguments.squares +
-                        "; expected two whole numbers: across,down");
-    }
-    board.columns = static_cast<int>(squares[0]);
-    board.rows = static_cast<int>(squares[1]);
-  }
-  if (isGiven(arguments, "--square-size-m") && !isGiven(arguments, "--marker-size-m")) {
-    board.marker_size = kUsualMarker * board.square_size;
-  }
-  board.validate();
-  return board;
+void addCharucoOptions(CLI::App& command, BoardArguments& board) {
+  addOption(command, "--squares", board.squares,
+            "of a ChArUco board: number of squares across and down, default 7,9",
+            TypeName{"ACROSS,DOWN"});
+  addOption(command, "--square-size-m", board.square_size,
+            "of a ChArUco board: side of a square [m], default 0.024", TypeName{"S"});
+  addOption(command, "--marker-size-m", board.marker_size,
+            "of a ChArUco board: side of a marker's black border [m], default three quarters of a "
+            "square",
+            TypeName{"S"});
+  addOption(command, "--dictionary", board.dictionary,
+            "of a ChArUco board: its markers, by OpenCV's name, default DICT_4X4_50",
+            TypeName{"NAME"});
+  command.add_flag("--legacy-pattern", board.legacy_pattern,
+                   "of a ChArUco board with an even number of squares down: its top left square is "
+                   "white, as OpenCV before 4.6 drew it");
 }
 
 }  // namespace
@@ -321,20 +294,31 @@ std::vector<std::string> joinBoardKind(std::vector<std::string> arguments) {
 }
 
 void checkBoard(const BoardArguments& arguments) {
-  if (arguments.kind == kCharuco) return;
-  for (const CLI::Option* option : arguments.of_charuco) {
-    if (option->count() == 0) continue;
-    throw CallerError(
-        option->get_name() + " is of a ChArUco board, and " +
-        (arguments.given() ? "--board is " + arguments.kind : "--board is not given") +
-        "; add --board charuco, or leave out " + option->get_name());
-  }
+  const bool charuco = !arguments.squares.empty() || arguments.square_size ||
+                       arguments.marker_size || arguments.dictionary || arguments.legacy_pattern;
+  refuseIf(
+      charuco && arguments.kind != kCharuco,
+      "--squares, --square-size-m, --marker-size-m, --dictionary and --legacy-pattern are of a "
+      "ChArUco board; add --board charuco, or leave them out");
 }
 
 CalibrationBoard boardOf(const BoardArguments& arguments) {
   checkBoard(arguments);
-  if (arguments.kind == kCharuco) return charucoOf(arguments);
-  return vision::TagBoard();
+  if (arguments.kind != kCharuco) return vision::TagBoard();
+  vision::CharucoBoard board;
+  if (!arguments.squares.empty()) {
+    const Eigen::Vector2d squares = numberList("--squares", arguments.squares, 2);
+    refuseIf(squares != squares.array().floor().matrix() || squares.cwiseAbs().maxCoeff() > 1e6,
+             "--squares is ", arguments.squares, "; expected two whole numbers: across,down");
+    board.columns = static_cast<int>(squares[0]);
+    board.rows = static_cast<int>(squares[1]);
+  }
+  board.square_size = arguments.square_size.value_or(board.square_size);
+  board.marker_size = arguments.marker_size.value_or(kUsualMarker * board.square_size);
+  board.dictionary = arguments.dictionary.value_or(board.dictionary);
+  board.legacy_pattern = arguments.legacy_pattern;
+  board.validate();
+  return board;
 }
 
 json boardJson(const CalibrationBoard& board) {

@@ -265,10 +265,11 @@ statics::ArmModel modelOf(const io::Scene& scene, const TierArguments& arguments
 using CalibrationBoard = std::variant<vision::TagBoard, vision::CharucoBoard>;
 
 struct BoardArguments {
-  std::string kind;  ///< empty: no board is asked for
-  std::string squares;
-  vision::CharucoBoard charuco;
-  std::vector<CLI::Option*> of_charuco;  ///< options that a ChArUco board alone has
+  std::string kind;     ///< empty: no board is asked for
+  std::string squares;  ///< this and the others are of a ChArUco board
+  std::optional<double> square_size, marker_size;
+  std::optional<std::string> dictionary;
+  bool legacy_pattern = false;
 
   bool given() const { return !kind.empty(); }
 };

@@ -267,44 +267,20 @@ struct FollowArguments {
   FollowPlan plan;  // with all that needs no scene
 };
 
-Eigen::Vector3d tipOf(const std::string& text) {
-  const Eigen::Vector3d tip = numberList("--tip", text, 3);
-  if (tip.cwiseAbs().maxCoeff() <= statics::kFarthestTarget) return tip;
-  throw CallerError("--tip " + text + " is farther than 1e6 m; expected metres from the base");
-}
-
 std::vector<Eigen::Vector3d> tipsOf(const FollowArguments& arguments) {
   std::vector<Eigen::Vector3d> tips;
-  for (const std::string& text : wordsOf(arguments.tip, ';')) tips.push_back(tipOf(text));
+  for (const std::string& text : wordsOf(arguments.tip, ';')) {
+    tips.emplace_back(numberList("--tip", text, 3));
+    refuseIf(tips.back().cwiseAbs().maxCoeff() > statics::kFarthestTarget, "--tip ", text,
+             " is farther than 1e6 m; expected metres from the base");
+  }
   refuseIf(tips.size() > kMostTips, "--tip has ", tips.size(), " tips; expected at most ",
            kMostTips);
   const double least = procedures::kLeastTipTime * static_cast<double>(tips.size());
-  refuseIf(arguments.plan.seconds < least,
-           basics::format("--seconds %g is too short for %zu tips; expected at least 1 s for each: "
-                          "--seconds %g",
-                          arguments.plan.seconds, tips.size(), least));
+  refuseIf(arguments.plan.seconds < least, "--seconds ", arguments.plan.seconds,
+           " is too short for ", tips.size(), " tips; expected at least 1 s for each: --seconds ",
+           least);
   return tips;
-}
-
-model::Range blindOf(const std::string& text) {
-  const Eigen::Vector2d times = numberList("--blind", text, 2);
-  if (times[0] <= times[1]) return {times[0], times[1]};
-  throw CallerError("--blind " + text + " ends before it begins; expected from,to [s]");
-}
-
-procedures::TimedForce forceOf(const std::string& text) {
-  const Eigen::Vector4d numbers = numberList("--force", text, 4);
-  const procedures::TimedForce out{numbers[0], numbers.tail<3>()};
-  if (out.force.norm() <= kMostForce) return out;
-  throw CallerError("--force " + text + " is more than 100 N; expected time,x,y,z in s and N");
-}
-
-control::TipPath pathOf(const FollowArguments& arguments, const io::Scene& scene) {
-  const control::TipPath path(io::loadTipPath(io::loadDataSet(arguments.path)));
-  if (const auto refusal = procedures::checkPath(scene, path)) {
-    throw CallerError("--path " + arguments.path + ": " + refusal->reason);
-  }
-  return path;
 }
 
 // Checks of the options before a scene is known.
@@ -327,14 +303,26 @@ void check(FollowArguments& arguments) {
 FollowPlan planOf(const FollowArguments& arguments, const io::Scene& scene) {
   FollowPlan plan = arguments.plan;
   if (arguments.vision == "rendered") plan.vision = simulation::VisionKind::kRendered;
-  if (!arguments.force.empty()) plan.force = forceOf(arguments.force);
-  if (!arguments.blind.empty()) plan.blind = blindOf(arguments.blind);
+  if (!arguments.force.empty()) {
+    const Eigen::Vector4d numbers = numberList("--force", arguments.force, 4);
+    plan.force = procedures::TimedForce{numbers[0], numbers.tail<3>()};
+    refuseIf(plan.force->force.norm() > kMostForce, "--force ", arguments.force,
+             " is more than 100 N; expected time,x,y,z in s and N");
+  }
+  if (!arguments.blind.empty()) {
+    const Eigen::Vector2d times = numberList("--blind", arguments.blind, 2);
+    refuseIf(times[0] > times[1], "--blind ", arguments.blind,
+             " ends before it begins; expected from,to [s]");
+    plan.blind = model::Range{times[0], times[1]};
+  }
   if (plan.ignore_contacts) {
     plan.path = procedures::quietPath(scene, plan.seconds, plan.seed);
   } else if (arguments.path.empty()) {
     plan.tips = tipsOf(arguments);
   } else {
-    plan.path = pathOf(arguments, scene);
+    plan.path.emplace(io::loadTipPath(io::loadDataSet(arguments.path)));
+    const auto refusal = procedures::checkPath(scene, *plan.path);
+    refuseIf(refusal.has_value(), "--path ", arguments.path, ": ", refusal ? refusal->reason : "");
     if (!arguments.seconds) procedures::endWithPath(plan);
   }
   return plan;

@@ -1,4 +1,4 @@
-#include <Eigen/Cholesky>
+#include <Eigen/QR>
 #include <algorithm>
 #include <exception>
 #include <filesystem>
@@ -221,14 +221,13 @@ std::optional<bool> lengthens(const NewArguments& arguments, NewArm arm,
 double angleBetween(const procedures::ResponseSeries& tips) {
   Eigen::MatrixXd inputs(tips.history.rows(), 3);
   inputs << tips.history.input.leftCols<2>(), Eigen::VectorXd::Ones(inputs.rows());
-  const Eigen::MatrixXd tip = tips.reading;
-  Eigen::MatrixXd square = Eigen::MatrixXd::Zero(3, 3), product = Eigen::MatrixXd::Zero(3, 3);
+  Eigen::MatrixXd tip = tips.reading;
   for (Eigen::Index row = 0; row < tip.rows(); ++row) {
-    if (!tip.row(row).allFinite()) continue;
-    square += inputs.row(row).transpose() * inputs.row(row);
-    product += inputs.row(row).transpose() * tip.row(row);
+    if (tip.row(row).allFinite()) continue;
+    inputs.row(row).setZero();
+    tip.row(row).setZero();
   }
-  const Eigen::MatrixXd by = square.ldlt().solve(product);
+  const Eigen::MatrixXd by = inputs.colPivHouseholderQr().solve(tip);
   return std::acos(by.row(0).normalized().dot(by.row(1).normalized()));
 }
 

@@ -176,6 +176,19 @@ Eigen::MatrixXd givenPressures(const SimulateOptions& options, const io::Scene& 
   return scene.arm.inputAt(0).transpose().replicate(options.count, 1);
 }
 
+// Rows of captures, and of the tags in each.
+void writeTables(const io::Scene& scene, const fs::path& directory, const json& truth,
+                 const json& poses) {
+  Columns columns{"capture", "pressure_kpa", "twist", "tip"};
+  if (truth.front().contains("visible_tags")) columns.push_back("visible_tags");
+  writeFile(directory / "truth.csv",
+            csvText(truthComment(scene), {{"rows", truth}}, {columns, "rows", {}, &scene.arm}));
+  if (poses.empty()) return;
+  columns = {"capture", "pressure_kpa", "tag", "position_m", "quaternion_xyzw"};
+  writeFile(directory / "tag_poses.csv",
+            csvText(poseComment(scene), {{"rows", poses}}, {columns, "rows"}));
+}
+
 SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadScene(options.scene, global);
   requirePressureDriven(scene);
@@ -223,16 +236,7 @@ SimulatedSet simulate(const SimulateOptions& options, const GlobalOptions& globa
           json(measured(X_FB * exact_poses[i], scene.vision.fit, generator, normal)));
     }
   }
-  Columns columns{"capture", "pressure_kpa", "twist", "tip"};
-  if (rig.hasCamera()) columns.push_back("visible_tags");
-  writeFile(directory / "truth.csv",
-            csvText(truthComment(scene), {{"rows", truth}}, {columns, "rows", {}, &scene.arm}));
-  if (layout) {
-    writeFile(
-        directory / "tag_poses.csv",
-        csvText(poseComment(scene), {{"rows", poses}},
-                {{"capture", "pressure_kpa", "tag", "position_m", "quaternion_xyzw"}, "rows"}));
-  }
+  writeTables(scene, directory, truth, poses);
   if (rig.hasCamera()) {
     writeFile(directory / "tag_corners.csv",
               io::tagCornerCsv(corners, scene.arm.actuatorCount(), cornerComment(scene)));

@@ -193,11 +193,13 @@ void writeCrowded(const std::string& path, int tags, double size, const std::str
 TEST(Tags, ManyOrLargeTagsAreReadBackFromAllPages) {
   const TemporaryFolder folder;
   const std::string path = folder / "crowded.yaml";
+  int number = 0;
   for (const auto& [count, size, family] :
        {std::tuple(64, 0.006, "36h11"), std::tuple(5, 0.14, "36h11"),
         std::tuple(64, 0.02, "Standard41h12"), std::tuple(38, 0.02, "Circle21h7")}) {
     writeCrowded(path, count, size, family);
     for (const auto& [paper, sheet] : kPapers) {
+      if (!test::isDrawn(number++, 2)) continue;
       SCOPED_TRACE(std::to_string(size) + " " + family + " on " + paper);
       std::vector<int> expected(static_cast<std::size_t>(count));
       std::iota(expected.begin(), expected.end(), 0);
