@@ -176,7 +176,7 @@ struct VisualServo::Workspace {
     }
   }
 
-  // What swings by itself within half a period of the mode is not learnt.
+  // Swings within half a period of the mode are not learnt.
   double reachAt(const Eigen::Vector3d& along) const {
     const double frequency = swing.mode() ? swing.mode()->frequency * pace : kSlowSwing;
     return std::max(kLeastReach, 0.5 * along.norm() / frequency);

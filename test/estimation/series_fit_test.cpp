@@ -25,8 +25,8 @@ constexpr double kMost = 200e3;                    // [Pa]
 constexpr double kRadius = 0.03, kBeam = 1.15e-3;  // of the chambers [m], and 3 K_kappa [m^2]
 constexpr int kTrials = 6;
 const int kRows = test::draws(100, 400), kHold = test::draws(25, 50);  // of a trial, of a step
-const double kSpacing = 40.0 / kRows;                  // [s]
-constexpr double kNoise = 0.0005, kTurnNoise = 0.005;  // [m], [rad]
+const double kSpacing = 40.0 / kRows;                                  // [s]
+constexpr double kNoise = 0.0005, kTurnNoise = 0.005;                  // [m], [rad]
 
 const char* const kResponse[] = {"rise_time_constant", "fall_time_constant", "slow_time_constant",
                                  "slow_weight"};
