@@ -165,7 +165,7 @@ void requireOutputOfItsOwn(const CalibrateOptions& options) {
     const std::vector<std::string> parts = partsOfAlso(text);
     inputs.insert(inputs.end(), parts.begin(), parts.end());
   }
-  for (const std::string& input : inputs) requireNoInput(options.out, input);
+  requireNoInput(options.out, inputs);
   requireYaml(options.out);
 }
 
@@ -396,7 +396,7 @@ int runStand(const CalibrateOptions& options, const GlobalOptions& global, const
 int run(const CalibrateOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadScene(options.scene, global);
   requirePressureDriven(scene);
-  if (!options.out.empty()) requireOutputOfItsOwn(options);
+  requireOutputOfItsOwn(options);
   if (options.muscles) return runStand(options, global, scene);
   procedures::CalibrationRequest request = options.request;
   request.fit = wordsOf(options.fit);

@@ -324,7 +324,7 @@ int calibrateCameraOf(const CameraArguments& arguments, const GlobalOptions& glo
     refuseIf(!result.scene->camera, "scene ", result.scene->name,
              " has no camera; add the section camera, with its approximate pose and focal length");
   }
-  if (!arguments.out.empty()) requireYaml(arguments.out);
+  requireYaml(arguments.out);
   result.board = boardOf(arguments.board);
   Views views(result.board, arguments.views);
   result.read = readPictures(
@@ -429,7 +429,7 @@ int placeCameraOf(const CameraArguments& arguments, const GlobalOptions& global)
   refuseIf(!scene.camera || !scene.tags, "scene ", scene.name, " has no ",
            scene.camera ? "tags" : "camera",
            "; expected a scene with the sections camera and tags");
-  if (!arguments.out.empty()) requireYaml(arguments.out);
+  requireYaml(arguments.out);
   const statics::Solution model = scene.model.solve(inputsOrRest(scene, arguments.input));
   refuseIf(!model.converged(), "no shape of scene ", scene.name,
            " balances its load at these pressures; take the pictures at others, and "

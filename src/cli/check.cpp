@@ -21,10 +21,6 @@ struct CheckArguments {
   int samples = 150;
 };
 
-std::optional<double> supplyOf(const regulator::Pressures& readings) {
-  return std::isfinite(readings.supply) ? std::optional(readings.supply) : std::nullopt;
-}
-
 // Tells what was read, and holds it against the scene.
 void judge(const io::Scene& scene, const regulator::Pressures& readings,
            std::vector<Finding>& findings) {
@@ -37,13 +33,13 @@ void judge(const io::Scene& scene, const regulator::Pressures& readings,
                         "look at its sensor and address: helix_arm regulator SCENE probe"});
   }
   std::string said = pressureText(scene.arm, pressure, kDecimals);
-  const std::optional<double> supply = supplyOf(readings);
-  if (supply) said += basics::format(", supply %.*f kPa", kDecimals, *supply / 1e3);
+  const bool measured = std::isfinite(readings.supply);
+  if (measured) said += basics::format(", supply %.*f kPa", kDecimals, readings.supply / 1e3);
   findings.push_back({Severity::kNote, "answered", name,
                       "it vented and answered, gauge pressures: " + said,
                       "expect 0 kPa within the noise of the sensors"});
   if (!regulator::isHardware(*scene.regulator)) return;  // its supply stands in the scene
-  if (!supply) {
+  if (!measured) {
     findings.push_back(
         {Severity::kNote, "supply_not_measured", name,
          "it does not tell the pressure of its supply, which is therefore not compared with the "
@@ -51,7 +47,9 @@ void judge(const io::Scene& scene, const regulator::Pressures& readings,
          "read the gauge of the supply: it must show the highest max_pressure_kpa or more"});
     return;
   }
-  for (const Finding& one : procedures::checkSupply(scene, *supply)) findings.push_back(one);
+  for (const Finding& one : procedures::checkSupply(scene, readings.supply)) {
+    findings.push_back(one);
+  }
 }
 
 // Connects, which vents, and reads once; nothing if it does not answer.
@@ -104,7 +102,7 @@ json reportOf(const io::Scene& scene, const RigCheck& check, bool probed,
           {"probed", probed},
           {"regulator", scene.regulator ? json(regulator::describe(*scene.regulator)) : json()},
           {"pressures_pa", readings ? json(readings->pressure) : json()},
-          {"supply_pa", readings ? json(supplyOf(*readings)) : json()}};
+          {"supply_pa", readings ? json(readings->supply) : json()}};
 }
 
 int run(const CheckArguments& arguments, const GlobalOptions& global) {

@@ -8,6 +8,7 @@
 
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/control/target_check.hpp"
+#include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/io/shipped_files.hpp"
 #include "helix_arm/statics/loaded.hpp"
@@ -124,14 +125,22 @@ std::vector<io::Override> overridesOf(const GlobalOptions& global) {
 }
 
 void requireYaml(const std::string& out) {
-  if (std::filesystem::path(out).extension() == ".yaml") return;
-  throw CallerError("--out " + out + " does not end in .yaml; name a .yaml file");
+  refuseIf(!out.empty() && std::filesystem::path(out).extension() != ".yaml", "--out ", out,
+           " does not end in .yaml; name a .yaml file");
 }
 
-void requireNoInput(const std::string& out, const std::string& input) {
-  std::error_code ignored;  // one of them does not exist
-  if (!std::filesystem::equivalent(out, input, ignored)) return;
-  throw CallerError("--out " + out + " is an input; expected the path of another file");
+void requireNoInput(const std::string& out, const std::vector<std::string>& inputs) {
+  for (const std::string& input : inputs) {
+    std::error_code ignored;  // one of them does not exist
+    refuseIf(std::filesystem::equivalent(out, input, ignored), "--out ", out,
+             " is an input; expected the path of another file");
+  }
+}
+
+void requireWritable(const std::vector<std::string>& files) {
+  for (const std::string& file : files) {
+    if (!file.empty()) const io::AtomicFile trial(file);
+  }
 }
 
 CLI::Option* addSceneOption(CLI::App& command, const std::string& option, std::string& scene,
@@ -313,8 +322,11 @@ CalibrationBoard boardOf(const BoardArguments& arguments) {
     board.columns = static_cast<int>(squares[0]);
     board.rows = static_cast<int>(squares[1]);
   }
-  board.square_size = arguments.square_size.value_or(board.square_size);
-  board.marker_size = arguments.marker_size.value_or(kUsualMarker * board.square_size);
+  if (arguments.square_size) {
+    board.square_size = *arguments.square_size;
+    board.marker_size = kUsualMarker * board.square_size;
+  }
+  board.marker_size = arguments.marker_size.value_or(board.marker_size);
   board.dictionary = arguments.dictionary.value_or(board.dictionary);
   board.legacy_pattern = arguments.legacy_pattern;
   board.validate();

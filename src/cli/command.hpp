@@ -191,10 +191,14 @@ std::vector<std::string> wordsOf(const std::string& list, char comma = ',');
 /// @throws CallerError naming the option and the entry that is no finite number, or a wrong count.
 Eigen::VectorXd numberList(const std::string& option, const std::string& text, int count);
 
+// Files to write, before work that takes long. Names may be empty, which means none.
+
 /// @throws CallerError unless the name of a scene to write ends in .yaml.
 void requireYaml(const std::string& out);
-/// @throws CallerError if the file of --out is that of an input. Either may not exist.
-void requireNoInput(const std::string& out, const std::string& input);
+/// @throws CallerError if the file of --out is that of an input. Any may not exist.
+void requireNoInput(const std::string& out, const std::vector<std::string>& inputs);
+/// @throws io::FileError if one of them cannot be written. Leaves no file.
+void requireWritable(const std::vector<std::string>& files);
 
 // The scene.
 

@@ -59,12 +59,8 @@ json reportOf(const io::Scene& scene, const Commissioning& found) {
 int run(const CommissionOptions& options, const GlobalOptions& global) {
   const io::Scene scene = loadScene(options.scene, global);
   requirePressureDriven(scene);
-  if (!options.out.empty()) {
-    for (const std::string* input : {&options.scene, &options.rig, &options.data}) {
-      requireNoInput(options.out, *input);
-    }
-    requireYaml(options.out);
-  }
+  requireNoInput(options.out, {options.scene, options.rig, options.data});
+  requireYaml(options.out);
   refuseIf(!scene.tags, "scene ", scene.name, " has no tags; add the section tags");
   const Eigen::MatrixXd plan = procedures::walkPlan(scene.arm);
   const procedures::CalibrationData data =

@@ -289,8 +289,8 @@ void check(FollowArguments& arguments) {
   if (plan.ignore_contacts) {
     refuseIf(!(arguments.tip + arguments.path).empty() || plan.open,
              "--prove-contact moves the arm by itself; leave out --tip, --path and --open");
-    if (!arguments.out.empty()) requireYaml(arguments.out);
-    requireNoInput(arguments.out, arguments.scene);
+    requireYaml(arguments.out);
+    requireNoInput(arguments.out, {arguments.scene});
     plan.seconds = procedures::kProofTime;
   } else if (arguments.tip.empty() == arguments.path.empty()) {
     throw CallerError("give either --tip or --path");
@@ -336,8 +336,7 @@ int follow(const FollowArguments& arguments, const GlobalOptions& global) {
   const io::Scene rig = arguments.rig.empty() ? scene : io::loadScene(arguments.rig);
   const std::string warning = procedures::loopWarning(procedures::loopConfigOf(scene));
   const FollowPlan plan = planOf(arguments, scene);
-  if (!arguments.out.empty()) const io::AtomicFile trial(arguments.out);
-  checkPicture(arguments.png, arguments.out);
+  requireWritable({arguments.out, arguments.png});
   if (!warning.empty()) std::cerr << warning << "\n";
 
   const InterruptWatch watch;

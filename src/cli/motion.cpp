@@ -142,9 +142,8 @@ void draw(const io::Scene& scene, const Motion& motion, const std::string& png) 
 
 int run(const MotionArguments& arguments, const GlobalOptions& global) {
   const io::Scene scene = loadScene(arguments.scene, global);
-  requireNoInput(arguments.out, arguments.pressures);
-  checkPicture(arguments.png, arguments.out);
-  if (!arguments.out.empty()) const io::AtomicFile trial(arguments.out);
+  requireNoInput(arguments.out, {arguments.pressures});
+  requireWritable({arguments.out, arguments.png});
   const dynamics::InputSeries series = seriesOf(scene, tableOf(arguments.pressures));
   const dynamics::ArmMotion arm = armOf(scene, arguments);
   const Motion motion = move(arm, arguments, series);

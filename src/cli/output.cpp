@@ -1,32 +1,21 @@
 #include "output.hpp"
 
-#include <filesystem>
 #include <iostream>
 #include <limits>
 #include <sstream>
 
 #include "command.hpp"
 #include "helix_arm/basics/text.hpp"
-#include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/lie/so3.hpp"
 
 namespace helix_arm::cli {
 namespace {
-
-namespace fs = std::filesystem;
 
 constexpr int kOneLine = -1, kIndent = 2;
 
 std::string textOf(const json& value, int indent) {
   // File names may contain bytes that are not UTF-8.
   return value.dump(indent, ' ', false, json::error_handler_t::replace);
-}
-
-// Whether both paths name the same file, existing or not.
-bool samePlace(const std::string& one, const std::string& other) {
-  std::error_code error;
-  if (fs::equivalent(one, other, error)) return true;
-  return fs::weakly_canonical(fs::absolute(one)) == fs::weakly_canonical(fs::absolute(other));
 }
 
 // A number or word; entries of a list in one cell, those of an object as "muscle_1=lower".
@@ -239,13 +228,6 @@ void printResult(Format format, const json& report, const json& shown,
 
 void printResult(Format format, const json& report, const json& shown, const Csv& csv) {
   printResult(format, report, shown, [&](std::ostream& out) { printCsv(report, csv, out); });
-}
-
-void checkPicture(const std::string& png, const std::string& out) {
-  if (png.empty()) return;
-  refuseIf(!out.empty() && samePlace(out, png), "--png ", png,
-           " is the file of --out, too; give another path");
-  const io::AtomicFile trial(png);  // throws if none can be written there; leaves no file
 }
 
 }  // namespace helix_arm::cli

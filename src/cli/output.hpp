@@ -172,9 +172,4 @@ std::string lineOf(const json& result);
 /// A report without keys of any depth: what text leaves to json.
 json without(json report, const std::vector<std::string>& keys);
 
-/// Checks the file of --png, which may be empty, before work that takes long.
-/// @param out  the file of --out, may be empty.
-/// @throws CallerError if both are the same file, io::FileError if the picture cannot be written.
-void checkPicture(const std::string& png, const std::string& out);
-
 }  // namespace helix_arm::cli

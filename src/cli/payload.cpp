@@ -176,7 +176,7 @@ int runMap(const PayloadArguments& arguments, const GlobalOptions& global, const
   refuseIf(!arguments.direction.empty(),
            "--map tells what places carry downwards; leave out "
            "--direction");
-  checkPicture(arguments.png, {});
+  requireWritable({arguments.png});
   const statics::PayloadSolver solver(scene.model, optionsOf(arguments));
   PayloadMap map;
   {

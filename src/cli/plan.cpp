@@ -56,7 +56,7 @@ int run(const PlanArguments& arguments, const GlobalOptions& global) {
   refuseIf(!scene.keep_out, "scene ", scene.name,
            " has no zones to plan around; add the key keep_out");
   refuseIf(hasTendon(scene.arm), "scene ", scene.name, " has tendons; plan is for pressures alone");
-  if (!arguments.out.empty()) const io::AtomicFile trial(arguments.out);
+  requireWritable({arguments.out});
   const Eigen::VectorXd from = inputsOf(scene, arguments.from);
   const planning::PressurePlanner planner(scene.model, *scene.keep_out, scene.safety.channels,
                                           scene.safety.rules);

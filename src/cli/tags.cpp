@@ -175,7 +175,7 @@ int run(const TagsArguments& arguments, const GlobalOptions& global) {
   if (!arguments.scene.empty()) print.scene = loadScene(arguments.scene, global);
   if (print.scene && !arguments.all_tags) leaveOutUnseen(print);
   if (arguments.board.given()) print.board = boardOf(arguments.board);
-  checkPicture(arguments.out, "");
+  requireWritable({arguments.out});
   const json report = reportOf(print, arguments, writePages(print, arguments));
   json counts = report;
   counts["tags"] = report["ids"].size();

@@ -292,20 +292,25 @@ json reportOf(const io::Scene& scene, const statics::TierSetting& setting,
                 {"failure", nullptr},
                 {"seconds", summary.seconds},
                 {"points_per_second", static_cast<double>(summary.inputs) / summary.seconds},
-                {"bounds_m", some ? bounds(summary.extremes.bounds()) : json()},
-                {"reach_m", some ? json(summary.extremes.reach()) : json()},
-                {"resolution_m", some ? json(summary.extremes.beyond(summary.sampled)) : json()},
-                {"sampled_bounds_m", some ? bounds(summary.sampled.bounds()) : json()},
-                {"sampled_reach_m", some ? json(summary.sampled.reach()) : json()},
-                {"out", some ? textOrNull(arguments.out) : json()},
-                {"png", some ? textOrNull(arguments.png) : json()},
+                {"out", textOrNull(some ? arguments.out : "")},
+                {"png", textOrNull(some ? arguments.png : "")},
                 {"sensitivity", sensitivity}};
-  if (scene.keep_out) document["blocked"] = summary.blocked;
-  if (!some && summary.blocked > 0) {
-    document["failure"] = "the arm is too close to a zone of keep_out at every sampled input";
-  } else if (!some) {
-    document["failure"] = "no shape balances the load at any sampled input";
+  for (const char* key :
+       {"bounds_m", "reach_m", "resolution_m", "sampled_bounds_m", "sampled_reach_m"}) {
+    document[key] = nullptr;
   }
+  if (some) {
+    document["bounds_m"] = bounds(summary.extremes.bounds());
+    document["reach_m"] = summary.extremes.reach();
+    document["resolution_m"] = summary.extremes.beyond(summary.sampled);
+    document["sampled_bounds_m"] = bounds(summary.sampled.bounds());
+    document["sampled_reach_m"] = summary.sampled.reach();
+  } else {
+    document["failure"] = summary.blocked > 0
+                              ? "the arm is too close to a zone of keep_out at every sampled input"
+                              : "no shape balances the load at any sampled input";
+  }
+  if (scene.keep_out) document["blocked"] = summary.blocked;
   addResponse(scene.arm, model::ArmResponse(scene.arm), 0, document);
   return document;
 }
@@ -389,7 +394,7 @@ int run(const WorkspaceArguments& arguments, const GlobalOptions& global) {
   const io::Scene scene = loadScene(arguments.scene, global);
   const statics::Workspace workspace = workspaceOf(scene, arguments);
   const statics::TierSetting& setting = workspace.model().choice().setting;
-  checkPicture(arguments.png, arguments.out);
+  requireWritable({arguments.png});
   std::optional<clearance::SweepCheck> zones;
   if (scene.keep_out) zones.emplace(workspace.model(), *scene.keep_out);
   const CloudOrigin origin{scene.name, setting.name(), arguments.seed, arguments.sensitivity};
