@@ -15,7 +15,7 @@ from visualization_msgs.msg import InteractiveMarkerFeedback, InteractiveMarkerI
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", "support"))
 from calibration_rig import CalibrationRig  # noqa: E402
-from helix_arm.msg import RunExperimentAction, RunExperimentGoal, ShapeTarget, TargetStatus, TipTarget  # noqa: E402
+from helix_arm.msg import RunExperimentAction, RunExperimentGoal, SafetyState, ShapeTarget, TargetStatus, TipTarget  # noqa: E402
 from zones import LEAST, TOUCHES, clearance, with_post  # noqa: E402
 
 
@@ -68,7 +68,7 @@ class Doors(CalibrationRig):
 
         def sees_the_arm():
             """Sends a goal, which a node that has just started ends if no vision_status has reached it yet."""
-            self.assert_wait(lambda: self.call("/pressure_command/enable", Trigger).success)
+            self.assert_wait(lambda: self.safety[-1].state == SafetyState.ENABLED or self.call("/pressure_command/enable", Trigger).success)
             client.send_goal(RunExperimentGoal(name="step", repeats=2, hold_s=0.5, actuators=["muscle_1"]))
             self.assert_wait(lambda: client.gh.get_comm_state() == actionlib.CommState.DONE)
             return "was not seen" not in client.get_result().message
