@@ -68,7 +68,8 @@ class Doors(CalibrationRig):
 
         def sees_the_arm():
             """Sends a goal, which a node that has just started ends if no vision_status has reached it yet."""
-            self.assert_wait(lambda: self.safety[-1].state == SafetyState.ENABLED or self.call("/pressure_command/enable", Trigger).success)
+            self.assert_wait(lambda: self.safety[-1].state == SafetyState.ENABLED
+                             or self.call("/pressure_command/enable", Trigger).success)
             client.send_goal(RunExperimentGoal(name="step", repeats=2, hold_s=0.5, actuators=["muscle_1"]))
             self.assert_wait(lambda: client.gh.get_comm_state() == actionlib.CommState.DONE)
             return "was not seen" not in client.get_result().message
