@@ -1,7 +1,6 @@
 #include "follow/path_memory.hpp"
 
 #include <cmath>
-#include <cstdio>
 
 #include <gtest/gtest.h>
 
@@ -70,7 +69,6 @@ TEST(PathMemory, TakesNoiseForNoError) {
   Circle circle(0.001);
   for (int turn = 0; turn < 4; ++turn) {
     const double moved = circle.turn(1, 0);
-    std::printf("[  FIGURE  ] turn %d: noise moves the aim by %.3f mm RMS\n", turn, 1e3 * moved);
     EXPECT_LT(moved, 2e-4);
   }
 }
