@@ -107,12 +107,13 @@ class LoopRig(RosCase):
         self.assert_wait(lambda: math.dist(place(self.measured[-1].tip.position), values) < distance, 40, target)
 
     def answer_to(self, publisher, message):
-        """The answer to a target of this node."""
-        seen, topic = len(self.status), publisher.name.lstrip("/")
+        """The answer to a target of this node, which gets a stamp that none before it had."""
+        self.assert_wait(lambda: rospy.Time.now() > message.header.stamp)
+        message.header.stamp, topic = rospy.Time.now(), publisher.name.lstrip("/")
         publisher.publish(message)
 
         def mine():
-            return [one for one in self.status[seen:] if one.topic == topic and one.commander == rospy.get_name()]
+            return [one for one in self.status if one.topic == topic and one.target_stamp == message.header.stamp]
 
         self.assert_wait(mine)
         return mine()[0]
