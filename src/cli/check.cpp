@@ -1,4 +1,3 @@
-
 #include "command.hpp"
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/procedures/rig_check.hpp"

@@ -1,4 +1,3 @@
-
 #include "bag/bag_captures.hpp"
 #include "command.hpp"
 #include "helix_arm/basics/pi.hpp"

@@ -47,9 +47,9 @@ def main():
     scene = scene_of(arm)
     times = np.arange(0, 1 + STEP_S / 2, STEP_S)
     begins = [begin for at, _ in STEPS for begin in (at, at + 0.02)]
-    values = [kpa for number, (_, kpa) in enumerate(STEPS) for kpa in (STEPS[max(number - 1, 0)][1], kpa)]
-    pressures = 1e3 * np.column_stack([np.interp(times, begins, column) for column in np.array(values, float).T])
-    middles = 1e3 * np.column_stack([np.interp(times + STEP_S / 2, begins, column) for column in np.array(values, float).T])
+    columns = np.array([kpa for number, (_, kpa) in enumerate(STEPS) for kpa in (STEPS[max(number - 1, 0)][1], kpa)], float).T
+    pressures, middles = (1e3 * np.column_stack([np.interp(at, begins, column) for column in columns])
+                          for at in (times, times + STEP_S / 2))
     arm.played = pressures[0].copy()  # at rest there
     A, b = arm.balance(arm.played)
     arm.q = np.tile(np.linalg.solve(A, b) / disc_arm.N, (disc_arm.N, 1)).ravel()

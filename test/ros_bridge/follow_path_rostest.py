@@ -80,7 +80,7 @@ class FollowTipPath(LoopRig):
     def test_a_running_goal_keeps_targets_and_bad_goals_away(self):
         self.send(goal_along([MIDDLE, BESIDE, MIDDLE], 2.0))
         self.assert_under_way()
-        answer = self.answer_to(self.tip_target, target_at(MIDDLE))
+        answer = self.status.answer_to(self.tip_target, target_at(MIDDLE))
         self.assertEqual(answer.fault, "other_commander")
         self.assertIn("follow_tip_path", answer.message)
         other = self.other(goal_along([MIDDLE], 1.0))

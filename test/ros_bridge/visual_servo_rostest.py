@@ -23,7 +23,7 @@ class VisualServo(LoopRig):
         target = target_at(MIDDLE)
         self.assert_comes_to(LoopStatus.CLOSED, target)
         self.assert_tip_comes_to(MIDDLE, 0.005, target)
-        answer = self.answer_to(self.tip_target, target)
+        answer = self.status.answer_to(self.tip_target, target)
         self.assertEqual(answer.outcome, TargetStatus.REACHED, answer)
         self.assertLess(answer.position_error, 1e-5)
         status = self.loop[-1]
@@ -88,7 +88,7 @@ class VisualServo(LoopRig):
         self.assertLess(math.dist(place(self.loop[-1].wanted.position), MIDDLE), 1e-6)
         # With an orientation it is a pose, and the closest shape keeps some of both.
         pose.pose.orientation.w = 1
-        self.assertEqual(self.answer_to(self.tip_target_pose, pose).outcome, TargetStatus.UNREACHABLE)
+        self.assertEqual(self.status.answer_to(self.tip_target_pose, pose).outcome, TargetStatus.UNREACHABLE)
 
     def test_stays_open_where_it_is_told_to_and_forgets_what_it_learnt_when_reset(self):
         target = target_at(MIDDLE)

@@ -106,18 +106,6 @@ class LoopRig(RosCase):
         """The measured tip comes within this of a place [m]."""
         self.assert_wait(lambda: math.dist(place(self.measured[-1].tip.position), values) < distance, 40, target)
 
-    def answer_to(self, publisher, message):
-        """The answer to a target of this node, which gets a stamp that none before it had."""
-        self.assert_wait(lambda: rospy.Time.now() > message.header.stamp)
-        message.header.stamp, topic = rospy.Time.now(), publisher.name.lstrip("/")
-        publisher.publish(message)
-
-        def mine():
-            return [one for one in self.status if one.topic == topic and one.target_stamp == message.header.stamp]
-
-        self.assert_wait(mine)
-        return mine()[0]
-
     def send(self, goal):
         """Sends a goal; its feedback is noted."""
         self.feedback = []

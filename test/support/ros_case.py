@@ -29,12 +29,18 @@ class Inbox(list):
         return next(filter(condition, self[first:]), None)
 
     def answer_to(self, publisher, target, deadline=60, age=0):
-        """Of target_status: publishes a target and waits for the answer; one without outcome (255) when none came."""
-        first, stamp = len(self), rospy.Time.now() - rospy.Duration(age)
+        """Of target_status: publishes a target, which gets another stamp than it had, and waits for the answer; one without outcome
+        (255) when none came."""
+        wait_for(lambda: rospy.Time.now() > target.header.stamp)
+        first, stamp, topic = len(self), rospy.Time.now() - rospy.Duration(age), publisher.name.rpartition("/")[2]
         target.header.stamp = stamp
         publisher.publish(target)
-        wait_for(lambda: any(one.target_stamp == stamp for one in self[first:]), deadline)
-        return next((one for one in self[first:] if one.target_stamp == stamp), TargetStatus(outcome=255))
+
+        def mine():
+            return [one for one in self[first:] if one.topic == topic and one.target_stamp == stamp]
+
+        wait_for(mine, deadline)
+        return next(iter(mine()), TargetStatus(outcome=255))
 
     def next_beside(self, other, deadline=60):
         """Waits for one that came after this call and for one of another topic with the same stamp: a busy machine may drop some of
