@@ -41,13 +41,20 @@ struct SampleTable {
 ///
 /// @param path  of a bag with one topic each that ends in tag_detections and pressure_measured; one
 ///              that ends in pressure_command tells the set points. The tags may also be those of
-///              apriltag_ros: their poses become corners in the picture of the scene's camera. Of
-///              a scene with bodies, body_poses takes the place of tag_detections.
+///              apriltag_ros: their poses become corners in the picture of the scene's camera. If
+///              the scene has bodies, body_poses takes the place of tag_detections, or a topic
+///              NAME/pose of each body as its motion-capture system publishes it; and joint_states
+///              that of pressure_measured.
 /// @throws io::DocumentError where it cannot be read, is damaged, has more than 16 GiB, lacks a
 /// topic, has one of another type or more than one, where pressures are not of the scene's arm, or
 /// where the arm never stands still.
 std::vector<procedures::Sample> loadBag(const std::string& path, const io::Scene& scene,
                                         const procedures::SettleRules& rules);
+
+/// As procedures::measurementsOf(), also of a recording (.bag).
+io::DataSet loadDataSet(const io::Scene& scene, const std::string& path,
+                        const procedures::RecordedPressures& pressures,
+                        std::vector<std::string>& notes);
 
 /// Data sets of all kinds: recordings (.bag), and what procedures::loadCalibrationData() reads.
 /// @throws io::DocumentError with every fault of a file.

@@ -471,9 +471,9 @@ void addCalibrate(Commands& commands) {
       "z_m, optionally qx .. qw; for a mode without pressures, too); captures with columns of "
       "a load that hangs on the arm (load_mass_kg or load_force_x_n .. load_force_z_n, world "
       "frame; load_s: sections from the base, default the tip); or rosbags with "
-      "tag_detections, pressure_measured and pressure_command, or recordings of bodies "
-      "(time_s, NAME_x_m .. NAME_qw, or exports of Motive or Vicon): each time the arm is at rest "
-      "is one capture",
+      "tag_detections, pressure_measured and pressure_command (bodies: body_poses or NAME/pose), "
+      "or recordings of bodies (time_s, NAME_x_m .. NAME_qw, or exports of Motive or Vicon): each "
+      "time the arm is at rest is one capture",
       kRequired);
   addOption(command, "--fit", options.fit,
             "parameters to fit, comma list of " + estimation::fitWordsText() + "; default " +

@@ -3,6 +3,7 @@
 #include <map>
 #include <set>
 
+#include "bag/bag_captures.hpp"
 #include "command.hpp"
 #include "helix_arm/basics/median.hpp"
 #include "helix_arm/basics/quote.hpp"
@@ -542,8 +543,7 @@ int runEvaluate(const CaptureOptions& options, const GlobalOptions& global) {
   refuseIf(!options.contraction.empty() && !options.muscles, "--contraction needs --muscles");
   if (options.muscles) return evaluateStand(scene, options, global.format);
   std::vector<std::string> notes;
-  const io::DataSet data =
-      procedures::measurementsOf(scene, options.data, options.pressures, notes);
+  const io::DataSet data = ros_bridge::loadDataSet(scene, options.data, options.pressures, notes);
   for (const std::string& note : notes) std::cerr << note << "\n";
   if (data.find("x_m") >= 0 && data.find("tag") < 0) {
     return evaluateSeries(scene, data, options, global.format);
@@ -591,11 +591,10 @@ void addEvaluate(Commands& commands) {
       command, "DATA", options.data,
       "data set (# comments, a header, rows) with the columns pressure_1_kpa .. (gauge; a missing "
       "one is 0) and curvature_rad (length-scaled curvature), the tag poses that fit takes, the "
-      "tag "
-      "corners that simulate writes, or a series of the tip (time_s, pressure_1_kpa .., x_m, y_m, "
-      "z_m, optionally qx .. qw, trial; "
-      "without time_s the arm rests at each row), or a recording of bodies (time_s, NAME_x_m .. "
-      "NAME_qw, or an export of Motive or Vicon); columns of a load as for calibrate",
+      "tag corners that simulate writes, a series of the tip (time_s, pressure_1_kpa .., x_m, y_m, "
+      "z_m, optionally qx .. qw, trial; without time_s the arm rests at each row), a recording of "
+      "bodies (time_s, NAME_x_m .. NAME_qw, or an export of Motive or Vicon) or a rosbag as for "
+      "calibrate; columns of a load as for calibrate",
       kRequired);
   addPressures(command, options.pressures);
   addOption(command, "--png", options.png,

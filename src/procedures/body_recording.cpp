@@ -7,7 +7,6 @@
 
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/fault_list.hpp"
-#include "helix_arm/procedures/settle_watch.hpp"
 #include "io/data/body_table.hpp"
 
 namespace helix_arm::procedures {
@@ -63,11 +62,6 @@ ClockLag bestOf(const Activity& from, const Activity& to, double lowest, double 
   return best;
 }
 
-struct TimedPressures {
-  std::vector<double> time;
-  Eigen::MatrixXd values;  // (rows x actuators) [Pa]
-};
-
 TimedPressures timedPressuresOf(const io::Scene& scene, const std::string& path) {
   const io::DataSet data = io::loadDataSet(path);
   io::requireColumns(data, {"time_s"}, "time_s, pressure_1_kpa ..: the pressures of the recording");
@@ -109,15 +103,20 @@ double offsetOf(const io::BodyTable& table, const TimedPressures& pressures,
   return lag.seconds;
 }
 
-// The times at which the arm is at rest.
-std::vector<Sample> samplesOf(const io::Scene& scene, const io::BodyTable& table,
-                              const TimedPressures& pressures, double offset,
-                              const std::string& path) {
+}  // namespace
+
+std::vector<Sample> samplesAtRest(const io::Scene& scene, const io::BodyTable& table,
+                                  const std::string& path, const TimedPressures& own,
+                                  const RecordedPressures& recorded, const SettleRules& rules,
+                                  std::vector<std::string>& notes) {
+  const TimedPressures pressures =
+      recorded.path.empty() ? own : timedPressuresOf(scene, recorded.path);
+  const double offset =
+      recorded.offset ? *recorded.offset : offsetOf(table, pressures, path, notes);
   std::vector<std::string> actuators;
   for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
     actuators.push_back(scene.arm.actuator(i).name);
   }
-  const SettleRules rules;
   SettleWatch watch(actuators, rules);
   watch.waitForRest(scene.arm);
   std::vector<Sample> out, standing;
@@ -158,6 +157,8 @@ std::vector<Sample> samplesOf(const io::Scene& scene, const io::BodyTable& table
   }
   return out;
 }
+
+namespace {
 
 io::DataSet tableOf(const io::Scene& scene, const std::vector<Sample>& samples) {
   io::DataSet out;
@@ -202,10 +203,9 @@ io::DataSet measurementsOf(const io::Scene& scene, const std::string& path,
   std::vector<std::string> names;
   for (const estimation::TagPlacement& body : scene.tags->tags) names.push_back(body.name);
   const io::BodyTable table = io::loadBodyTable(path, names);
-  const TimedPressures read =
-      timedPressuresOf(scene, pressures.path.empty() ? path : pressures.path);
-  const double offset = pressures.offset ? *pressures.offset : offsetOf(table, read, path, notes);
-  io::DataSet out = tableOf(scene, samplesOf(scene, table, read, offset, path));
+  const TimedPressures own =
+      pressures.path.empty() ? timedPressuresOf(scene, path) : TimedPressures{};
+  io::DataSet out = tableOf(scene, samplesAtRest(scene, table, path, own, pressures, {}, notes));
   out.path = path;
   out.sha256 = table.sha256;
   return out;

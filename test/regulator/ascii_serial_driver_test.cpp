@@ -333,11 +333,12 @@ std::string openedByNobody(const std::string& device) {
 
 TEST(AsciiSerialDriver, ALineIsFreeOnceItsProgramWasKilled) {
   EmulatedDevice device(deviceOf(test::genericProfile()));
-  ASSERT_EQ(chmod(device.path().c_str(), 0666), 0);
-  const auto driver = driverOf(test::genericProfile(), device.path());
+  const std::string path = device.path();  // here, as its lock may be held while a child is forked
+  ASSERT_EQ(chmod(path.c_str(), 0666), 0);
+  const auto driver = driverOf(test::genericProfile(), path);
   const std::string held =
-      device.path() + " is used by another program; end that one (fuser shows which it is)";
-  const auto open = [&] { return openedByNobody(device.path()); };
+      path + " is used by another program; end that one (fuser shows which it is)";
+  const auto open = [&] { return openedByNobody(path); };
   {
     const test::HoldingChild holder(open);
     ASSERT_EQ(holder.text(), "");

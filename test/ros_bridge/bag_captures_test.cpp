@@ -3,8 +3,10 @@
 
 #include <fstream>
 
+#include <geometry_msgs/PoseStamped.h>
 #include <gtest/gtest.h>
 #include <rosbag/bag.h>
+#include <sensor_msgs/JointState.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
 
@@ -162,6 +164,101 @@ TEST(BagCaptures, BodiesAreCapturedWithTheirPoses) {
   }
   // A scene with tags takes those.
   EXPECT_EQ(loadMeasurements(demo(), {path}, {}).captures.size(), 2U);
+}
+
+// A recording of a motion-capture system's own topics, at 50 Hz: the second body's poses come 3 ms
+// later. Pressures are joint states, or a table whose clock is 40 s behind.
+class BodyRecording {
+ public:
+  explicit BodyRecording(const test::TemporaryFolder& folder, bool joints)
+      : table_(folder / "pressures.csv"),
+        path_(folder / "poses.bag"),
+        joints_(joints),
+        bag_(path_, rosbag::bagmode::Write) {
+    table_ << "time_s,pressure_1_kpa,pressure_2_kpa,pressure_3_kpa\n";
+  }
+
+  const io::Scene& scene() const { return scene_; }
+
+  // @return the poses, seen from the arm's base.
+  std::vector<lie::SE3> hold(const Eigen::Vector3d& pressure, double seconds) {
+    const auto places = estimation::tagPoses(*scene_.tags, scene_.model.solve(pressure).shape);
+    for (int k = 0; k < 50 * seconds; ++k) {
+      time_ += ros::Duration(0.02);
+      for (std::size_t i = 0; i < places.size(); ++i) {
+        geometry_msgs::PoseStamped message;
+        message.header.stamp = time_ + ros::Duration(i == 1 ? 0.003 : 0.0);
+        message.pose = toPoseMsg(scene_.X_CB() * places[i]);
+        bag_.write("/vrpn_client_node/" + scene_.tags->tags[i].name + "/pose", time_, message);
+      }
+      table_ << time_.toSec() - 40;
+      for (const double value : pressure) table_ << "," << 1e-3 * value;
+      table_ << "\n";
+      if (joints_) bag_.write("/joint_states", time_, statesAt(pressure));
+    }
+    return places;
+  }
+
+  const std::string& close() {
+    bag_.close();
+    table_.close();
+    return path_;
+  }
+
+ private:
+  sensor_msgs::JointState statesAt(const Eigen::Vector3d& pressure) const {
+    sensor_msgs::JointState out;
+    out.header.stamp = time_;
+    out.name = {"arm_bend"};
+    out.position = {0.1};
+    for (int i = 0; i < pressure.size(); ++i) {
+      out.name.push_back(scene_.arm.actuator(i).name);
+      out.position.push_back(pressure[i]);
+    }
+    return out;
+  }
+
+  const io::Scene scene_ = test::shippedScene("mocap");
+  std::ofstream table_;
+  std::string path_;
+  bool joints_;
+  rosbag::Bag bag_;
+  ros::Time time_{1000, 0};
+};
+
+TEST(BagCaptures, PosesOfAMotionCaptureSystemAreTakenFromItsOwnTopics) {
+  for (const bool joints : {true, false}) {
+    const test::TemporaryFolder folder;
+    BodyRecording recording(folder, joints);
+    const io::Scene& scene = recording.scene();
+    recording.hold({0, 0, 0}, 3);
+    recording.hold({2e5, 0, 0}, 0.5);  // too short to rest
+    const std::vector<lie::SE3> truth = recording.hold({1e5, 2e5, 0}, 3);
+    const std::string& path = recording.close();
+    procedures::RecordedPressures pressures;
+    if (!joints) pressures = {folder / "pressures.csv", std::nullopt};
+    const procedures::CalibrationData data = loadMeasurements(scene, {path}, {}, pressures);
+    ASSERT_EQ(data.captures.size(), 2U);
+    EXPECT_LT((data.captures[1].pressure - Eigen::Vector3d(1e5, 2e5, 0)).norm(), 1e-3);
+    const auto& poses =
+        std::get<std::vector<estimation::PoseObservation>>(data.captures[1].reading);
+    ASSERT_EQ(poses.size(), truth.size());
+    for (const estimation::PoseObservation& one : poses) {
+      EXPECT_LT((one.X_BT.inverse() * truth.at(static_cast<std::size_t>(one.tag))).log().norm(),
+                1e-9);
+    }
+    if (!joints) {
+      ASSERT_FALSE(data.warnings.empty());
+      EXPECT_NE(data.warnings[0].find("40.0"), std::string::npos) << data.warnings[0];
+      EXPECT_NE(test::refusal<io::DocumentError>([&] {
+                  loadBag(path, scene, {});
+                }).find("topic pressure_measured is missing"),
+                std::string::npos);
+    }
+    std::vector<std::string> notes;
+    const io::DataSet table = loadDataSet(scene, path, pressures, notes);
+    EXPECT_EQ(table.values.rows(), static_cast<Eigen::Index>(2 * truth.size()));
+  }
 }
 
 TEST(BagCaptures, AnArmThatIsNeverAtRestIsReported) {

@@ -7,6 +7,11 @@
 
 #include "helix_arm/io/data_set.hpp"
 #include "helix_arm/io/scene.hpp"
+#include "helix_arm/procedures/settle_watch.hpp"
+
+namespace helix_arm::io {
+struct BodyTable;
+}
 
 namespace helix_arm::procedures {
 
@@ -16,6 +21,11 @@ struct RecordedPressures {
   std::string path;
   /// Added to its times, gives those of the recording [s]; absent: found by lagBetween().
   std::optional<double> offset = 0.0;
+};
+
+struct TimedPressures {
+  std::vector<double> time;  ///< (rows) ascending [s]
+  Eigen::MatrixXd values;    ///< (rows x actuators) gauge [Pa]
 };
 
 /// How much later one recording's clock shows a motion.
@@ -29,6 +39,17 @@ struct ClockLag {
 /// @param from, to  (rows) ascending times [s], and (rows x any) what changes.
 ClockLag lagBetween(const std::vector<double>& from, const Eigen::MatrixXd& of_from,
                     const std::vector<double>& to, const Eigen::MatrixXd& of_to);
+
+/// The times at which pressures and bodies of a recording are at rest: a sample each, the median of
+/// its rows.
+/// @param path  of the recording.
+/// @param own  the pressures in the recording itself, taken if `pressures` names no other table.
+/// @param notes  gets the offset of clocks that was found.
+/// @throws DocumentError where the clocks cannot be told apart, or the arm is never at rest.
+std::vector<Sample> samplesAtRest(const io::Scene& scene, const io::BodyTable& table,
+                                  const std::string& path, const TimedPressures& own,
+                                  const RecordedPressures& pressures, const SettleRules& rules,
+                                  std::vector<std::string>& notes);
 
 /// A data set of measurements of the scene's arm. A recording of its bodies (io::loadBodyTable())
 /// becomes a data set of tag poses, with one capture for each time at which pressures and arm are
