@@ -84,6 +84,23 @@ class ResponseTracker {
     sure_ = sureOf(found.lag());
     response_.set(lag_, sureOf(found.play()) * found.play().value);
   }
+  /// Takes these pressures (n) [Pa] for the effective ones at a time, and follows the observer from
+  /// there.
+  void restart(double time, const Eigen::VectorXd& effective,
+               const control::PressureObserver& observer) {
+    if (!learns_) return;
+    response_.restart();
+    response_.follow(time, effective);
+    history_.clear();
+    for (; time < observer.time(); time += kReplayed) {
+      if (!observer.at(time, then_)) continue;
+      const Eigen::VectorXd pressure = then_.pressure;
+      if (dead_ > 0) observer.at(time - dead_, then_);
+      response_.follow(time, then_.pressure);
+      history_.add(time, response_.effective() - pressure);
+    }
+    follow(observer);
+  }
   /// To lead paths by, of actuators whose scene tells nothing.
   Aim::Late late() const { return {sure_ * dead_, sure_ * lag_}; }
   bool learns() const { return learns_; }
@@ -145,6 +162,7 @@ class ResponseTracker {
   static constexpr int kMostTurns = 512;     // more than the observer's memory at 200 Hz
   static constexpr double kCrossing = 0.05;  // time constant of a play that is crossed [s]
   static constexpr double kLed = 0.5;        // part of the lags, which are known roughly
+  static constexpr double kReplayed = 0.01;  // step of a replay [s]
   static constexpr double kHeld = 1.0;       // an effective pressure that changes by less [Pa]
 
   // The part of an estimate to reckon with: what the pictures hardly show is not made up for.

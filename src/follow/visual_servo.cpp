@@ -319,9 +319,12 @@ struct VisualServo::Workspace {
     });
   }
 
-  void learnMode(const model::Twists& measured) {
+  void learnMode(double stamp, const model::Twists& measured) {
     swing.learn(measured, tracker, contact.load().contact || doubts());
     response.learn(swing.response());
+    if (const auto& lagged = swing.response().begunAnew()) {
+      response.restart(stamp, *lagged, observer);
+    }
   }
 
   // The measured tip with the wanted one at the time of the picture.
@@ -542,7 +545,7 @@ estimation::Observation VisualServo::picture(double stamp, double now, const mod
   w.seen.covariance += w.swing.lagNoise(w.tracker);
   out = w.tracker.see(w.seen);
   if (!out.accepted()) return out;
-  w.learnMode(twists);
+  w.learnMode(stamp, twists);
   if (!w.contact.load().contact || w.doubts()) {
     w.budget.update(w.watch, input, tags, w.doubts());
   }

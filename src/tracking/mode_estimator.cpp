@@ -9,7 +9,8 @@
 namespace helix_arm::estimation {
 namespace {
 
-constexpr std::array<double, 9> kLags = {0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.27, 0.35, 0.45};  // [s]
+constexpr std::array<double, 10> kLags = {0.0, 0.03, 0.06, 0.1,  0.15,
+                                          0.2, 0.27, 0.35, 0.45, 0.6};  // [s]
 constexpr std::array<double, 5> kDampings = {0.02, 0.04, 0.08, 0.16, 0.32};
 // Damping of the modes that may be there unseen: what they add dies out within two periods. With
 // less, they would hide contacts for many seconds.
@@ -21,6 +22,9 @@ constexpr double kHighPass = 0.7;  // time constant [s]
 constexpr double kMemory = 15.0;   // of the comparison [s]
 // A mode counts if it leaves this part of the residual without one, or with the strongest damping.
 constexpr double kClear = 0.5;
+// Likewise a lag, of the residual of another one, for so long from the start on [s].
+constexpr double kClearLag = 0.33;
+constexpr double kEarly = 3.0;
 constexpr double kLeastPictures = 20.0;
 constexpr double kDirections = 2.0;  // of the motion that are independent
 
@@ -69,7 +73,7 @@ ModeEstimator::ModeEstimator(const model::Arm& arm, bool lag_is_known) : arm_(ar
 }
 
 void ModeEstimator::reset() {
-  weight_ = 0.0;
+  weight_ = compared_for_ = 0.0;
   time_.reset();
   compared_.reset();
   mode_.reset();
@@ -163,6 +167,7 @@ void ModeEstimator::compare(const Eigen::VectorXd& measured, const Eigen::Matrix
   }
   const double dt = *time_ - *compared_;
   compared_ = time_;
+  compared_for_ += dt;
   const double kept = std::exp(-dt / kHighPass), share = std::exp(-dt / kMemory);
   measured_ = kept * (measured_ + measured - last_measured_);
   last_measured_ = measured;
@@ -183,6 +188,41 @@ void ModeEstimator::judge() {
     residual_ -= (cross > 0 && power > 0).select(cross.square() / power, 0.0);
   }
   residual_ = residual_.max(0.0);
+}
+
+// Place of the hypothesis of a mode among those of a lag.
+Eigen::Index ModeEstimator::placeOf(const std::optional<Mode>& mode) const {
+  const Eigen::Index none = turn_.size() / lags_.size() - 1;
+  if (!mode) return none;
+  const Eigen::ArrayXd turns = turn_.head(none), dampings = damping_.head(none);
+  Eigen::Index place = 0;
+  ((turns / (2 * basics::kPi * mode->frequency)).log().abs() / std::log(kFrequencyStep) +
+   (dampings / mode->damping).log().abs())
+      .minCoeff(&place);
+  return place;
+}
+
+std::optional<ModeEstimator::Late> ModeEstimator::otherLag(double lag,
+                                                           const std::optional<Mode>& mode) const {
+  if (compared_for_ > kEarly || lags_.size() < 3) return std::nullopt;
+  const Eigen::Index modes = turn_.size() / lags_.size();
+  const Eigen::ArrayXd residual = residual_(Eigen::seqN(placeOf(mode), lags_.size(), modes));
+  Eigen::Index best = 0, after = 1;
+  const double least = residual.minCoeff(&best);
+  if (best == 0 || best == lags_.size() - 1) return std::nullopt;  // it may be beyond
+  while (after < lags_.size() - 1 && lags_[after] < lag) ++after;
+  const double share = std::min((lag - lags_[after - 1]) / (lags_[after] - lags_[after - 1]), 1.0);
+  if (least >=
+      kClearLag * (residual[after - 1] + share * (residual[after] - residual[after - 1]))) {
+    return std::nullopt;
+  }
+  // The vertex of a parabola through the three.
+  const double left = lags_[best] - lags_[best - 1], right = lags_[best + 1] - lags_[best];
+  const double by_left = (least - residual[best - 1]) / left,
+               by_right = (residual[best + 1] - least) / right;
+  const double vertex =
+      lags_[best] - 0.5 * left - 0.5 * by_left * (left + right) / (by_right - by_left);
+  return Late{vertex, 0.3 * (left + right), lagged_.col(best)};
 }
 
 void ModeEstimator::choose() {

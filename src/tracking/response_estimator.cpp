@@ -153,6 +153,7 @@ void ResponseEstimator::moveTo(double time, const Pressures& pressures) {
 void ResponseEstimator::compare(const Eigen::VectorXd& measured,
                                 const Eigen::MatrixXd& by_lengths) {
   modes_.compare(measured, by_lengths);
+  begun_anew_.reset();
   if (!compared_) {
     compared_ = time_;
     for (Chain& chain : chains_) {
@@ -183,7 +184,22 @@ void ResponseEstimator::compare(const Eigen::VectorXd& measured,
     // One that pictures have refined away from what was found stays.
     if (!swings_ || (isOther(state_[gains_ + 3]) && isOther(begun_))) begin(*found);
   }
+  // Derivatives hold near by alone.
+  if (const auto late = known_ ? std::nullopt : modes_.otherLag(lag().value, mode())) {
+    beginAnew(*late);
+  }
   setChains();
+}
+
+void ResponseEstimator::beginAnew(const ModeEstimator::Late& late) {
+  const Eigen::Index T = gains_;
+  state_[T] = std::max(0.0, late.lag - deadTime());
+  covariance_.row(T).setZero();
+  covariance_.col(T).setZero();
+  covariance_(T, T) = late.deviation * late.deviation;
+  variance_ = kFirstResidual * kFirstResidual;
+  restart(late.lagged);
+  begun_anew_ = late.lagged;
 }
 
 void ResponseEstimator::learn(const Eigen::MatrixXd& by_lengths, double dt) {

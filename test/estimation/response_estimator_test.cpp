@@ -117,6 +117,13 @@ TEST(ResponseEstimator, KnowsLagAndPlayAfterAMinute) {
   EXPECT_EQ(known.play().value, 0);
 }
 
+// Its derivatives hold near by alone, and it begins without a lag: the bank leads it there.
+TEST(ResponseEstimator, ALongLagIsKnownFromTheFirstStep) {
+  for (const double lag : {0.2, 0.3, 0.4}) {
+    EXPECT_NEAR(after(1.9, {lag}, false).lag().value, lag, 0.05);
+  }
+}
+
 TEST(ResponseEstimator, AnArmThatOnlyLagsHasNoMode) {
   for (const double lag : {0.0, 0.07, 0.15, 0.3}) {
     EXPECT_FALSE(after(20, {lag}, false).mode()) << lag;

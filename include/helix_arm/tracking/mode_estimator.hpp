@@ -58,6 +58,14 @@ class ModeEstimator {
 
   /// Nothing as long as the pictures show none.
   const std::optional<Mode>& mode() const { return mode_; }
+  /// A lag, and the pressures (n) behind it at the last time [Pa].
+  struct Late {
+    double lag, deviation;  // [s]
+    Eigen::VectorXd lagged;
+  };
+  /// The lag that explains the motion best with this mode, or with none; nothing where it explains
+  /// it hardly better than the given one, and once pictures have been compared for 3 s.
+  std::optional<Late> otherLag(double lag, const std::optional<Mode>& mode) const;
   /// Most that a mode which the pictures have not refuted, at a damping of 0.16, adds to the
   /// lengths after their rates have changed (n) [m].
   const Eigen::VectorXd& possibleSwing() const { return possible_; }
@@ -65,6 +73,7 @@ class ModeEstimator {
  private:
   void restart(const Eigen::VectorXd& pressure);
   void step(const Eigen::VectorXd& pressure, double dt);
+  Eigen::Index placeOf(const std::optional<Mode>& mode) const;
   void judge();
   void findPossible(double dt);
   void choose();
@@ -81,6 +90,7 @@ class ModeEstimator {
   Eigen::MatrixXd beyond_;                    // of its modes, lengths less their goals
   Eigen::VectorXd possible_;                  // (n)
   double weight_ = 0.0;                       // of pictures
+  double compared_for_ = 0.0;                 // [s]
   std::optional<double> time_, compared_;     // of the hypotheses; of the last comparison [s]
   std::optional<Mode> mode_;
 };

@@ -51,6 +51,8 @@ class ResponseEstimator {
   std::optional<Mode> mode() const;
   /// Contribution of that mode to the lengths at the last time (n) [m].
   const Eigen::VectorXd& swing() const { return swing_; }
+  /// If the last picture made the lag another one: the pressures (n) behind it then [Pa].
+  const std::optional<Eigen::VectorXd>& begunAnew() const { return begun_anew_; }
   /// As ModeEstimator::possibleSwing().
   const Eigen::VectorXd& possibleSwing() const { return modes_.possibleSwing(); }
   /// Change by a standard error of the lag in the lengths at the last time (n) [m].
@@ -73,6 +75,7 @@ class ResponseEstimator {
   void setPrior();
   double deviation(Eigen::Index i) const;
   void begin(const Mode& mode);
+  void beginAnew(const ModeEstimator::Late& late);
 
   const model::Arm arm_;
   const bool known_;
@@ -87,6 +90,7 @@ class ResponseEstimator {
   std::array<Chain, kParameters + 1> chains_;
   Eigen::VectorXd last_measured_, measured_, swing_;  // (d), (d), (n)
   std::optional<double> time_, compared_;             // [s]
+  std::optional<Eigen::VectorXd> begun_anew_;
 };
 
 }  // namespace helix_arm::estimation
