@@ -4,8 +4,6 @@
 #include <variant>
 
 #include "helix_arm/regulator/regulator_io.hpp"
-#include "ros_bridge/common/guarded_callbacks.hpp"
-#include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
@@ -28,15 +26,12 @@ bool areEqual(const follow::Target& a, const follow::Target& b) {
 LoopTargets::LoopTargets(ros::NodeHandle& node, const io::Scene& scene, const FrameLookup& frames)
     : scene_(scene),
       frames_(frames),
-      admission_(node, scene),
-      tip_subscriber_(listen(node, names::kTipTarget, 10, &LoopTargets::onTipTarget, this)),
-      pose_subscriber_(
-          listen(node, names::kTipTargetPose, 10, &LoopTargets::onTipTargetPose, this)),
-      shape_subscriber_(listen(node, names::kShapeTarget, 10, &LoopTargets::onShapeTarget, this)) {}
-
-void LoopTargets::takeFromHandle(const TipTarget& target) {
-  aimTip(TargetSender(target.header.stamp), target);
-}
+      admission_(
+          node, scene,
+          [this](const TargetSender& sender, const TipTarget& target) { aimTip(sender, target); },
+          [this](const TargetSender& sender, const model::Twists& twists) {
+            set(sender, twists);
+          }) {}
 
 const std::optional<follow::Target>& LoopTargets::target() {
   if (target_ && isSilent()) forget();
@@ -68,21 +63,6 @@ void LoopTargets::refuse(const control::Refusal& refusal) {
   for (const TargetSender& sender : unanswered_) admission_.drop(sender, refusal);
   unanswered_.clear();
   forget();
-}
-
-void LoopTargets::onTipTarget(const ros::MessageEvent<const TipTarget>& event) {
-  aimTip({names::kTipTarget, event}, *event.getMessage());
-}
-
-void LoopTargets::onTipTargetPose(
-    const ros::MessageEvent<const geometry_msgs::PoseStamped>& event) {
-  aimTip({names::kTipTargetPose, event}, toTipTarget(*event.getMessage()));
-}
-
-void LoopTargets::onShapeTarget(const ros::MessageEvent<const ShapeTarget>& event) {
-  const TargetSender sender(names::kShapeTarget, event);
-  const auto checked = control::checkTwists(scene_.arm.sectionCount(), event.getMessage()->twist);
-  if (const model::Twists* twists = admission_.admit(sender, checked)) set(sender, *twists);
 }
 
 bool LoopTargets::isSilent() const {

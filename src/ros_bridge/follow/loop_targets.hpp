@@ -5,11 +5,9 @@
 #include <utility>
 #include <vector>
 
-#include <geometry_msgs/PoseStamped.h>
 #include <ros/node_handle.h>
 #include <ros/time.h>
 
-#include "helix_arm/ShapeTarget.h"
 #include "helix_arm/TipTarget.h"
 #include "helix_arm/control/commander_lease.hpp"
 #include "helix_arm/follow/visual_servo.hpp"
@@ -27,9 +25,6 @@ class LoopTargets {
   /// @param scene   As TargetAdmission's.
   /// @param frames  Outlives this.
   LoopTargets(ros::NodeHandle& node, const io::Scene& scene, const FrameLookup& frames);
-
-  /// A target from the interactive marker, whose stamp is not checked.
-  void takeFromHandle(const TipTarget& target);
 
   /// Admission of these targets, and of a commander that sends no messages.
   TargetAdmission& admission() { return admission_; }
@@ -58,9 +53,6 @@ class LoopTargets {
   void enabled() { rested_.release(); }
 
  private:
-  void onTipTarget(const ros::MessageEvent<const TipTarget>& event);
-  void onTipTargetPose(const ros::MessageEvent<const geometry_msgs::PoseStamped>& event);
-  void onShapeTarget(const ros::MessageEvent<const ShapeTarget>& event);
   bool isSilent() const;
   bool isRefused() const { return !refusal_.empty() && !isSilent(); }
 
@@ -79,7 +71,6 @@ class LoopTargets {
   std::string refusal_, refused_commander_;
   ros::SteadyTime last_target_;
   std::vector<TargetSender> unanswered_;
-  ros::Subscriber tip_subscriber_, pose_subscriber_, shape_subscriber_;
 };
 
 }  // namespace helix_arm::ros_bridge

@@ -392,8 +392,9 @@ class VisualServoNode : public Node {
       frames_.baseFrame(),
       options_.rate,
       options_.draw_rate,
-      options_.handle ? [this](const TipTarget& target) { targets_.takeFromHandle(target); }
-                      : TipHandle::OnTarget()};
+      options_.handle
+          ? [this](const TipTarget& target) { targets_.admission().takeFromHandle(target); }
+          : TipHandle::OnTarget()};
   FollowAction action_{private_node_, scene_, frames_, targets_, loop_, link_, suspects_};
   DiagnosticsPublisher diagnostics_{node_};
   const ros::Subscriber readings_ =

@@ -98,7 +98,7 @@ class PressureCommandNode : public Node {
  public:
   PressureCommandNode()
       : shapes_(node_, scene_, options_,
-                [this](const TipTarget& target) { intake_.takeFromHandle(target); }),
+                [this](const TipTarget& target) { intake_.admission().takeFromHandle(target); }),
         gate_(node_, scene_, shapes_.baseFrame(), 1.0 / options_.draw_rate, shapes_.response(),
               [this] { loop_.hold(); }),
         loop_(
@@ -248,7 +248,8 @@ class PressureCommandNode : public Node {
     const PressureLoop::Snapshot path = loop_.snapshot();
     DiagnosticStatus loop = loopStatus(path);
     shapes_.reportSilence(loop);
-    std::vector<DiagnosticStatus> statuses = {intake_.status(), std::move(loop), shapes_.status()};
+    std::vector<DiagnosticStatus> statuses = {intake_.admission().status(), std::move(loop),
+                                              shapes_.status()};
     for (DiagnosticStatus& status : statusesOf(scene_, path)) statuses.push_back(std::move(status));
     if (path.io) tellLineError(*path.io);
     if (guard_ && control::isGone(guard_->state())) replaceGuard();

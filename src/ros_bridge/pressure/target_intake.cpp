@@ -19,14 +19,13 @@ TargetIntake::TargetIntake(ros::NodeHandle node, const io::Scene& scene, std::st
       solver_(scene.model),
       lower_(scene.arm.inputAt(0)),
       upper_(lower_),
-      admission_(node, scene),
-      subscribers_{listen(node, names::kPressureTarget, 10, &TargetIntake::onPressureTarget, this),
-                   listen(node, names::kShapeTarget, 10, &TargetIntake::onShapeTarget, this),
-                   listen(node, names::kTipTarget, 10, &TargetIntake::onTipTarget, this),
-                   listen(node, names::kTipTargetPose, 10, &TargetIntake::onTipTargetPose, this)} {}
-
-void TargetIntake::takeFromHandle(const TipTarget& target) {
-  aimTip(TargetSender(target.header.stamp), target);
+      admission_(
+          node, scene,
+          [this](const TargetSender& sender, const TipTarget& target) { aimTip(sender, target); },
+          [this](const TargetSender& sender, const model::Twists& twists) {
+            follow(sender, solver_.toTwists(twists, beginSearch()));
+          }),
+      subscriber_(listen(node, names::kPressureTarget, 10, &TargetIntake::onPressureTarget, this)) {
 }
 
 void TargetIntake::adopt() {
@@ -45,23 +44,6 @@ void TargetIntake::onPressureTarget(const ros::MessageEvent<const PressureArray>
   const auto largest = std::max_element(target.pressure.begin(), target.pressure.end());
   if (largest != target.pressure.end())
     units_.note(regulator::steadyNow(), sender.commander, *largest);
-}
-
-void TargetIntake::onShapeTarget(const ros::MessageEvent<const ShapeTarget>& event) {
-  const TargetSender sender(names::kShapeTarget, event);
-  const auto checked = control::checkTwists(scene_.arm.sectionCount(), event.getMessage()->twist);
-  if (const model::Twists* twists = admission_.admit(sender, checked)) {
-    follow(sender, solver_.toTwists(*twists, beginSearch()));
-  }
-}
-
-void TargetIntake::onTipTarget(const ros::MessageEvent<const TipTarget>& event) {
-  aimTip({names::kTipTarget, event}, *event.getMessage());
-}
-
-void TargetIntake::onTipTargetPose(
-    const ros::MessageEvent<const geometry_msgs::PoseStamped>& event) {
-  aimTip({names::kTipTargetPose, event}, toTipTarget(*event.getMessage()));
 }
 
 void TargetIntake::aimTip(const TargetSender& sender, const TipTarget& target) {

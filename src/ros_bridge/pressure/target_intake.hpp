@@ -1,16 +1,10 @@
 #pragma once
 
-#include <array>
-#include <optional>
 #include <string>
-#include <utility>
 
-#include <diagnostic_msgs/DiagnosticStatus.h>
-#include <geometry_msgs/PoseStamped.h>
 #include <ros/node_handle.h>
 
 #include "helix_arm/PressureArray.h"
-#include "helix_arm/ShapeTarget.h"
 #include "helix_arm/TipTarget.h"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/io/scene.hpp"
@@ -26,10 +20,9 @@ namespace helix_arm::ros_bridge {
 /// From a target to a command: checks its values and its stamp, then whether its sender may command
 /// the arm, turns shapes and tips into pressures, and commands them.
 ///
-/// Subscribes to pressure_target, shape_target, tip_target and tip_target_pose; publishes
-/// target_status, one answer per target. A target that is not sound, or whose sender may not
-/// command, is counted and dropped, and the command stays. All of it belongs to the thread of the
-/// node's callback queue.
+/// Subscribes to pressure_target, and by its TargetAdmission to the targets of tip and shape. A
+/// target that is not sound, or whose sender may not command, is counted and dropped, and the
+/// command stays. All of it belongs to the thread of the node's callback queue.
 class TargetIntake {
  public:
   /// @param scene       Kept by reference: after a change, call adopt() before the next target.
@@ -40,23 +33,16 @@ class TargetIntake {
   TargetIntake(ros::NodeHandle node, const io::Scene& scene, std::string base_frame,
                const model::ArmResponse& response, PressureLoop& loop, const KeepOutGate& gate);
 
-  /// A target from the interactive marker, whose stamp is not checked.
-  void takeFromHandle(const TipTarget& target);
-
   /// Follows a change of the scene. Whoever holds the lease keeps it.
   void adopt();
 
   /// A warning about a commander whose pressures look like kPa, once for each; else empty.
   std::string unitWarning() { return units_.warning(regulator::steadyNow()); }
 
-  /// As TargetAdmission::status().
-  diagnostic_msgs::DiagnosticStatus status() { return admission_.status(); }
+  TargetAdmission& admission() { return admission_; }
 
  private:
   void onPressureTarget(const ros::MessageEvent<const PressureArray>& event);
-  void onShapeTarget(const ros::MessageEvent<const ShapeTarget>& event);
-  void onTipTarget(const ros::MessageEvent<const TipTarget>& event);
-  void onTipTargetPose(const ros::MessageEvent<const geometry_msgs::PoseStamped>& event);
   void aimTip(const TargetSender& sender, const TipTarget& target);
 
   /// The command's effective pressure. Limits the search to attainable effective pressures.
@@ -77,7 +63,7 @@ class TargetIntake {
   Eigen::VectorXd lower_, upper_;  // of effective pressures
   TargetAdmission admission_;
   control::UnitWatch units_;
-  const std::array<ros::Subscriber, 4> subscribers_;
+  const ros::Subscriber subscriber_;
 };
 
 }  // namespace helix_arm::ros_bridge
