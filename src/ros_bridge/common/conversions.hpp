@@ -1,6 +1,9 @@
 #pragma once
 
+#include <stdexcept>
 #include <string>
+#include <utility>
+#include <variant>
 #include <vector>
 
 #include <boost/array.hpp>
@@ -21,6 +24,14 @@
 
 /// Conversions between messages and values. All incoming numbers are checked here.
 namespace helix_arm::ros_bridge {
+
+/// The value. @throws std::invalid_argument with the culprit and the reason where it is refused.
+template <class T>
+T orThrow(control::Checked<T> checked, const std::string& culprit = {}) {
+  const auto* refusal = std::get_if<control::Refusal>(&checked);
+  if (refusal != nullptr) throw std::invalid_argument(culprit + refusal->message);
+  return std::get<T>(std::move(checked));
+}
 
 std_msgs::Header toHeaderMsg(const ros::Time& stamp, const std::string& frame = {});
 geometry_msgs::Point toPointMsg(const Eigen::Vector3d& p);
