@@ -19,6 +19,7 @@
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/procedures/calibration_job.hpp"
 #include "ros_bridge/common/client_watch.hpp"
+#include "ros_bridge/common/guarded_callbacks.hpp"
 #include "ros_bridge/common/parameters.hpp"
 
 namespace helix_arm::ros_bridge {

@@ -5,11 +5,10 @@
 #include <poll.h>
 #include <ros/master.h>
 #include <ros/network.h>
-#include <std_srvs/Trigger.h>
+#include <ros/this_node.h>
 #include <xmlrpcpp/XmlRpc.h>
 
 #include "helix_arm/basics/quote.hpp"
-#include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
@@ -121,22 +120,6 @@ bool ClientWatch::answers(const std::string& node, std::string& uri) {
   std::uint32_t port = 0;
   return ros::network::splitURI(uri, host, port) &&
          callXmlRpc(host, static_cast<int>(port), "getPid", caller, answer) == Reply::kSuccess;
-}
-
-void requestRest() {
-  ros::NodeHandle node;
-  ros::ServiceClient client = node.serviceClient<std_srvs::Trigger>(
-      std::string(names::kPressureCommandNode) + "/" + names::kRest);
-  std_srvs::Trigger rest;
-  if (client.call(rest)) {
-    return logInfo("%s: %s", client.getService().c_str(),
-                   basics::quoted(rest.response.message, kLongestMessage).c_str());
-  }
-  // Nodes that are shut down together may miss each other.
-  logLine(EndRequest::made() ? ros::console::levels::Info : ros::console::levels::Warn,
-          "%s does not exist or does not answer: the arm vents once no target has come for "
-          "safety.target_timeout_s, as after a fault",
-          client.getService().c_str());
 }
 
 }  // namespace helix_arm::ros_bridge
