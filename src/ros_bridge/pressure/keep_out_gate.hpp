@@ -121,9 +121,10 @@ class KeepOutGate {
     if (!check_) return std::nullopt;
     // Where the arm has moved on meanwhile, its way is another.
     for (int k = 0; k < kMostChecks; ++k) {
-      const PressureLoop::Course course = loop.course();
-      if (const auto blocked = sweep(course, target)) return refuse(*blocked);
-      if ((loop.course().set_point - course.set_point).cwiseAbs().maxCoeff() > kMoved) continue;
+      const PressureLoop::Snapshot path = loop.snapshot();
+      const Eigen::VectorXd& from = path.orders.set_point;
+      if (const auto blocked = sweep(from, path.reading, target)) return refuse(*blocked);
+      if ((loop.snapshot().orders.set_point - from).cwiseAbs().maxCoeff() > kMoved) continue;
       const auto at = check_->at(scene_.arm.clamped(response_.effectiveAt(target, kTargetAt)));
       nearest_ = {};
       if (at) nearest_ = {at->distance, check_->clearance().nameOf(at->zone), std::nullopt};
@@ -195,16 +196,17 @@ class KeepOutGate {
     return std::max(0.0, by_model->distance - close_->clearance.distance);
   }
 
-  std::optional<clearance::Blocked> sweep(const PressureLoop::Course& course,
+  std::optional<clearance::Blocked> sweep(const Eigen::VectorXd& set_point,
+                                          const Eigen::VectorXd& reading,
                                           const Eigen::VectorXd& target) const {
+    const io::SafetyConfig& safety = scene_.safety;
     // A reading within its noise of the set point is there.
-    Eigen::VectorXd now = course.set_point;
+    Eigen::VectorXd now = set_point;
     for (Eigen::Index i = 0; i < now.size(); ++i) {
-      const double away = course.reading[i] - now[i];
-      if (std::abs(away) > course.rules.vented_below) now[i] = course.reading[i];
+      if (std::abs(reading[i] - now[i]) > safety.rules.vented_below) now[i] = reading[i];
     }
     std::vector<Eigen::VectorXd> corners =
-        clearance::pressuresOnTheWay(course.channels, course.rules, course.set_point, now, target);
+        clearance::pressuresOnTheWay(safety.channels, safety.rules, set_point, now, target);
     if (!response_.instant()) {
       for (Eigen::VectorXd& corner : corners) corner = response_.effectiveAt(corner, kTargetAt);
     }

@@ -23,7 +23,6 @@
 #include "keep_out_gate.hpp"
 #include "model_server.hpp"
 #include "plan_server.hpp"
-#include "pressure_command_options.hpp"
 #include "pressure_loop.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
 #include "ros_bridge/common/guarded_callbacks.hpp"

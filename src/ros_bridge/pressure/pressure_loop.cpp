@@ -199,12 +199,6 @@ void PressureLoop::hold() {
   path_.target(steadyNow(), path_.core().orders().set_point);
 }
 
-PressureLoop::Course PressureLoop::course() const {
-  const regulator::PriorityLock lock(mutex_);
-  const control::SafetyCore& core = path_.core();
-  return {core.channels(), core.rules(), core.orders().set_point, core.reading()};
-}
-
 void PressureLoop::adopt(const model::Arm& arm, std::vector<control::ChannelRules> channels,
                          const control::SafetyRules& rules) {
   const regulator::PriorityLock lock(mutex_);

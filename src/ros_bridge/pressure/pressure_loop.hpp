@@ -45,12 +45,6 @@ class PressureLoop {
     ros::Time stamp;
   };
   using Take = std::function<void(const Reading&)>;
-  /// Where the path is, and how it moves.
-  struct Course {
-    std::vector<control::ChannelRules> channels;
-    control::SafetyRules rules;
-    Eigen::VectorXd set_point, reading;  ///< (n) [Pa]; reading NaN before the first
-  };
   /// Why a target (n) [Pa] is not let through; nothing if it may be commanded.
   using Gate = std::function<std::optional<control::Refusal>(const PressureLoop& loop,
                                                              const Eigen::VectorXd& target)>;
@@ -60,7 +54,7 @@ class PressureLoop {
     control::SafetyReport report;
     std::string reason;
     control::ValveOrders orders;
-    Eigen::VectorXd goal, reading;          ///< (n) [Pa]
+    Eigen::VectorXd goal, reading;          ///< (n) [Pa]; reading NaN before the first
     std::optional<regulator::IoStatus> io;  ///< where the regulator is the node's own
     std::uint64_t turns = 0;                ///< so far
     FaultCount bad_readings;
@@ -89,7 +83,6 @@ class PressureLoop {
 
   /// Keeps the set points where they are, unless the arm goes to rest.
   void hold() HELIX_ARM_EXCLUDES(mutex_);
-  Course course() const HELIX_ARM_EXCLUDES(mutex_);
 
   /// Replaces the rules of the same channels, and the arm with the same actuators.
   /// @throws std::invalid_argument as SafetyCore::adopt; the old ones stay.
