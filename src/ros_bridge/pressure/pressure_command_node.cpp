@@ -79,6 +79,60 @@ std::shared_ptr<regulator::GuardProcess> startGuardProcess(const std::string& sc
       realtime_priority);
 }
 
+// By control::Valve.
+constexpr const char* kValves[] = {"vent", "regulate", "close"};
+
+unsigned char diagnosticLevel(const control::SafetyReport& report) {
+  using control::SafetyCause;
+  if (report.vent_overdue) return DiagnosticStatus::ERROR;
+  if (report.cause == SafetyCause::kNone) return DiagnosticStatus::OK;
+  if (report.cause == SafetyCause::kVentRequested) return DiagnosticStatus::WARN;
+  const bool enabled = report.state == control::SafetyState::kEnabled;
+  return enabled ? DiagnosticStatus::OK : DiagnosticStatus::ERROR;
+}
+
+DiagnosticStatus safetyStatus(const io::Scene& scene, const PressureLoop::Snapshot& path) {
+  const control::SafetyReport& report = path.report;
+  return makeStatus(names::kSafetyStatus, diagnosticLevel(report), path.reason,
+                    {{"state", nameOf(report.state)},
+                     {"cause", nameOf(report.cause)},
+                     {"emergency_stop", report.stopped ? "engaged" : "released"},
+                     {"vent_overdue", report.vent_overdue ? "true" : "false"},
+                     {names::kTargetTimeoutKey, fixed(scene.safety.rules.target_timeout, 3)}});
+}
+
+DiagnosticStatus regulatorStatus(const io::Scene& scene, const regulator::IoStatus& io) {
+  return makeStatus("regulator", io.up ? DiagnosticStatus::OK : DiagnosticStatus::ERROR,
+                    io.up ? "the regulator answers" : "no link to the regulator: " + io.last_error,
+                    {{"regulator", regulator::describe(*scene.regulator)},
+                     {"writes", std::to_string(io.writes)},
+                     {"reads", std::to_string(io.reads)},
+                     {"bad_replies", std::to_string(io.bad_replies)},
+                     {"connections", std::to_string(io.connections)},
+                     {"breaks", std::to_string(io.breaks)},
+                     {"own_vents", std::to_string(io.own_vents)},
+                     {"last_error", io.last_error}});
+}
+
+DiagnosticStatus channelStatus(const io::Scene& scene, const PressureLoop::Snapshot& path,
+                               int channel) {
+  const model::Actuator& actuator = scene.arm.actuator(channel);
+  const bool culprit = path.report.channel == channel;
+  const char* const valve =
+      kValves[static_cast<int>(path.orders.valve[static_cast<std::size_t>(channel)])];
+  const auto kpa = [](double pascals) { return fixed(1e-3 * pascals); };
+  return makeStatus(names::kChannelStatus + actuator.name,
+                    culprit ? diagnosticLevel(path.report) : std::uint8_t{DiagnosticStatus::OK},
+                    culprit ? path.reason : valve,
+                    {{"valve", valve},
+                     {"set_point_kpa", kpa(path.orders.set_point[channel])},
+                     {"target_kpa", kpa(path.goal[channel])},
+                     {"measured_kpa", kpa(path.reading[channel])},
+                     // Rounded to 0.1 kPa, a limit would let through what the arm refuses.
+                     {names::kLowerLimitKey, fixed(1e-3 * actuator.limits.lower, 4)},
+                     {names::kUpperLimitKey, fixed(1e-3 * actuator.limits.upper, 4)}});
+}
+
 /// Drives the arm of a scene to target pressures, shapes and tips, through the scene's regulator
 /// (real or simulated) or another node's. docs/nodes.md lists its topics, services and parameters
 /// (PressureCommandOptions); docs/safety.md tells who commands and when the arm vents.
@@ -248,9 +302,14 @@ class PressureCommandNode : public Node {
     DiagnosticStatus loop = loopStatus(path);
     shapes_.reportSilence(loop);
     std::vector<DiagnosticStatus> statuses = {intake_.admission().status(), std::move(loop),
-                                              shapes_.status()};
-    for (DiagnosticStatus& status : statusesOf(scene_, path)) statuses.push_back(std::move(status));
-    if (path.io) tellLineError(*path.io);
+                                              shapes_.status(), safetyStatus(scene_, path)};
+    if (path.io) {
+      statuses.push_back(regulatorStatus(scene_, *path.io));
+      tellLineError(*path.io);
+    }
+    for (int i = 0; i < scene_.arm.actuatorCount(); ++i) {
+      statuses.push_back(channelStatus(scene_, path, i));
+    }
     if (guard_ && control::isGone(guard_->state())) replaceGuard();
     diagnostics_.publish(ros::this_node::getName(), scene_, std::move(statuses));
     const std::string units = intake_.unitWarning();
