@@ -269,7 +269,10 @@ CockpitLink::CockpitLink(const std::string& ns) : node_(ns), spinner_(1, &queue_
   };
   make(calibration_, names::kCalibrationNode, names::kRunCalibration);
   make(experiment_, names::kExperimentNode, names::kRunExperiment);
-  timer_ = repeat(node_, "the cockpit's targets", kTargetPeriod, &CockpitLink::onTurn, this);
+  timer_ = repeat(node_, "the cockpit's targets", kTargetPeriod, [this] {
+    const basics::MutexLock lock(mutex_);
+    if (held_.turn(now())) send();
+  });
   spinner_.start();
 }
 

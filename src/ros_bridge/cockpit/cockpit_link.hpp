@@ -316,11 +316,6 @@ class CockpitLink {
   bool onStatus(const TargetStatus& message) HELIX_ARM_REQUIRES(mutex_);
   bool onDiagnostics(const diagnostic_msgs::DiagnosticArray& message) HELIX_ARM_REQUIRES(mutex_);
 
-  void onTurn(const ros::SteadyTimerEvent&) HELIX_ARM_EXCLUDES(mutex_) {
-    const basics::MutexLock lock(mutex_);
-    if (held_.turn(now())) send();
-  }
-
   void send() HELIX_ARM_REQUIRES(mutex_);
   std::vector<CockpitChannel> channels() const HELIX_ARM_REQUIRES(mutex_);
 

@@ -94,15 +94,14 @@ ros::ServiceServer serve(ros::NodeHandle& node, const std::string& service,
 /// Calls back periodically, on a steady clock.
 /// @param what    activity named in the warnings, such as "drawing".
 /// @param period  [s]
-template <class Node>
+template <class Callback>
 ros::SteadyTimer repeat(ros::NodeHandle& node, const std::string& what, double period,
-                        void (Node::*callback)(const ros::SteadyTimerEvent&), Node* owner) {
+                        Callback callback) {
   // Caught here: roscpp removes a timer whose callback throws.
   const auto guard = std::make_shared<FaultGuard>("a turn of " + what);
-  return node.createSteadyTimer(ros::WallDuration(period),
-                                [guard, owner, callback](const ros::SteadyTimerEvent& event) {
-                                  guard->run("", [&] { (owner->*callback)(event); });
-                                });
+  return node.createSteadyTimer(
+      ros::WallDuration(period),
+      [guard, callback](const ros::SteadyTimerEvent&) { guard->run("", callback); });
 }
 
 }  // namespace helix_arm::ros_bridge

@@ -179,7 +179,7 @@ class VisualServoNode : public Node {
     return true;
   }
 
-  void onDraw(const ros::SteadyTimerEvent&) {
+  void draw() {
     const bool measures = !last_reading_.isZero() &&
                           ros::SteadyTime::now() - last_reading_ < ros::WallDuration(kFreshReading);
     if (!measures) {
@@ -196,7 +196,7 @@ class VisualServoNode : public Node {
     publisher_.draw();
   }
 
-  void onDiagnose(const ros::SteadyTimerEvent&) {
+  void diagnose() {
     diagnostics_.publish(ros::this_node::getName(), scene_,
                          {pictures_.loop(loop_, reason(), suspects()), pictures_.correction(loop_),
                           targets_.admission().status()});
@@ -408,8 +408,8 @@ class VisualServoNode : public Node {
   ReloadServer reload_{private_node_, options_.scene, options_.scene_folder,
                        [this](io::Scene next) { adopt(std::move(next)); }};
   const ros::SteadyTimer draw_ =
-      repeat(node_, "the drawing", 1.0 / options_.draw_rate, &Self::onDraw, this);
-  const ros::SteadyTimer diagnose_ = repeat(node_, "the diagnostics", 1.0, &Self::onDiagnose, this);
+      repeat(node_, "the drawing", 1.0 / options_.draw_rate, [this] { draw(); });
+  const ros::SteadyTimer diagnose_ = repeat(node_, "the diagnostics", 1.0, [this] { diagnose(); });
 };
 
 }  // namespace

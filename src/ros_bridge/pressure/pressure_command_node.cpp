@@ -168,9 +168,8 @@ class PressureCommandNode : public Node {
         plan_server_(ros::NodeHandle("~"), scene_, shapes_.baseFrame(), loop_),
         reload_(ros::NodeHandle("~"), options_.scene, options_.scene_folder,
                 [this](io::Scene next) { adopt(std::move(next)); }) {
-    using Self = PressureCommandNode;
-    draw_timer_ = repeat(node_, "the drawing", 1.0 / options_.draw_rate, &Self::onDraw, this);
-    diagnose_timer_ = repeat(node_, "the diagnostics", 1.0, &Self::onDiagnose, this);
+    draw_timer_ = repeat(node_, "the drawing", 1.0 / options_.draw_rate, [this] { draw(); });
+    diagnose_timer_ = repeat(node_, "the diagnostics", 1.0, [this] { diagnose(); });
     logInfo("%s: %d actuators in %d sections, loop at %g Hz", scene_.name.c_str(),
             scene_.arm.actuatorCount(), scene_.arm.sectionCount(), options_.rate);
     tellTier();
@@ -290,14 +289,14 @@ class PressureCommandNode : public Node {
     }
   }
 
-  void onDraw(const ros::SteadyTimerEvent&) {
+  void draw() {
     if (options_.handle) shapes_.moveHandle(loop_.goal());
     const PressureLoop::Snapshot path = loop_.snapshot();
     shapes_.draw(path.report, path.reason);
     gate_.draw(shapes_.drawn());
   }
 
-  void onDiagnose(const ros::SteadyTimerEvent&) {
+  void diagnose() {
     const PressureLoop::Snapshot path = loop_.snapshot();
     DiagnosticStatus loop = loopStatus(path);
     shapes_.reportSilence(loop);

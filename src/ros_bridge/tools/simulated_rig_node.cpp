@@ -100,7 +100,7 @@ class SimulatedRigNode : public Node {
       pressure_subscriber_ = listen(node_, names::kPressureMeasured, 10, &Self::onReading, this);
     }
     force_subscriber_ = listen(private_node_, names::kTipForce, 10, &Self::onTipForce, this);
-    loop_timer_ = repeat(node_, "the rig", 1.0 / options_.rate, &Self::onLoop, this);
+    loop_timer_ = repeat(node_, "the rig", 1.0 / options_.rate, [this] { turn(); });
     const bool seen = scene_.isSeen() && !scene_.hasBodies();
     if (scene_.hasBodies()) {
       const simulation::CameraSetup setup = scene_.cameraSetup().value();
@@ -179,7 +179,7 @@ class SimulatedRigNode : public Node {
     });
   }
 
-  void onLoop(const ros::SteadyTimerEvent&) {
+  void turn() {
     const ros::SteadyTime now = ros::SteadyTime::now();
     double dt = (now - last_step_).toSec();
     last_step_ = now;

@@ -104,8 +104,9 @@ class VisionNode : public Node {
     estimate_subscriber_ = listen(node_, names::kEstimate, 10, &Self::onEstimate, this);
     reload_ = std::make_unique<ReloadServer>(private_node, options_.scene, options_.scene_folder,
                                              [this](io::Scene next) { adopt(std::move(next)); });
-    watch_timer_ = repeat(node_, "the watch of the pictures", kSilencePeriod, &Self::onWatch, this);
-    second_timer_ = repeat(node_, "the diagnostics", 1.0, &Self::onSecond, this);
+    watch_timer_ =
+        repeat(node_, "the watch of the pictures", kSilencePeriod, [this] { status_.watch(); });
+    second_timer_ = repeat(node_, "the diagnostics", 1.0, [this] { status_.report(scene_); });
     const auto on_failure = [this] { onFailure(); };
     try {
       worker_.start([this] { work(); }, on_failure);
@@ -151,9 +152,6 @@ class VisionNode : public Node {
                                                 std::get<control::Refusal>(shape).message});
     return std::nullopt;
   }
-
-  void onWatch(const ros::SteadyTimerEvent&) { status_.watch(); }
-  void onSecond(const ros::SteadyTimerEvent&) { status_.report(scene_); }
 
   void adopt(io::Scene next) {
     VisionOptions asked = options_;
