@@ -13,21 +13,13 @@
 namespace helix_arm::ros_bridge {
 namespace {
 
-constexpr int kSuccessCode = 1;  // of an answer, by ROS's Master and Slave API
+constexpr double kAnswerPatience = 2;  // longest wait for an answer [s]
+constexpr int kSuccessCode = 1;        // of an answer, by ROS's Master and Slave API
 
 double steadySeconds() { return ros::SteadyTime::now().toSec(); }
 
-// Asks the master for a node.
-Reply lookUp(const std::string& node, XmlRpc::XmlRpcValue& uri) {
-  XmlRpc::XmlRpcValue question;
-  question[0] = ros::this_node::getName();
-  question[1] = node;
-  return callXmlRpc(ros::master::getHost(), static_cast<int>(ros::master::getPort()), "lookupNode",
-                    question, uri);
-}
-
-}  // namespace
-
+// Calls and waits for at most kAnswerPatience; ros::master::execute() waits without end.
+// @param answer  the value of a success.
 Reply callXmlRpc(const std::string& host, int port, const char* method,
                  const XmlRpc::XmlRpcValue& question, XmlRpc::XmlRpcValue& answer) {
   XmlRpc::XmlRpcClient client(host.c_str(), port, "/");
@@ -54,6 +46,17 @@ Reply callXmlRpc(const std::string& host, int port, const char* method,
   answer = all[2];
   return Reply::kSuccess;
 }
+
+// Asks the master for a node.
+Reply lookUp(const std::string& node, XmlRpc::XmlRpcValue& uri) {
+  XmlRpc::XmlRpcValue question;
+  question[0] = ros::this_node::getName();
+  question[1] = node;
+  return callXmlRpc(ros::master::getHost(), static_cast<int>(ros::master::getPort()), "lookupNode",
+                    question, uri);
+}
+
+}  // namespace
 
 Reply askMaster() {
   XmlRpc::XmlRpcValue answer;

@@ -5,35 +5,24 @@
 #include <string>
 #include <utility>
 
-#include <xmlrpcpp/XmlRpcValue.h>
-
 #include "helix_arm/basics/mutex.hpp"
 #include "run_node.hpp"
 
 /// Whether the master and the sender of a goal are there.
 namespace helix_arm::ros_bridge {
 
-/// Longest wait for an answer [s].
-inline constexpr double kAnswerPatience = 2;
-
 /// Outcome of a call of the XML-RPC interface of the master or of a node.
 enum class Reply {
   kSuccess,
   kFailure,  ///< it answers that it failed
-  kHangs,    ///< no answer within kAnswerPatience
+  kHangs,    ///< no answer within 2 s
   kIsGone,   ///< nobody is there, or it ended
 };
-
-/// Calls and waits for at most kAnswerPatience; ros::master::execute() waits without end.
-///
-/// @param answer  the value of a success.
-Reply callXmlRpc(const std::string& host, int port, const char* method,
-                 const XmlRpc::XmlRpcValue& question, XmlRpc::XmlRpcValue& answer);
 
 /// Asks the master for this node, which a restarted one does not know and nobody can then find.
 Reply askMaster();
 
-/// Whether the ROS master answers within kAnswerPatience; unlike ros::master::check(), which
+/// Whether the ROS master answers within 2 s; unlike ros::master::check(), which
 /// waits for one that hangs without end.
 inline bool masterAnswers() {
   const Reply answer = askMaster();
@@ -80,7 +69,7 @@ class ClientWatch {
   std::string uri_;
   unsigned asked_ = 0;  ///< number of the node
   int misses_ = 0;
-  Ticker ticker_{kPeriod, [this] {  // last: its end waits for at most kAnswerPatience
+  Ticker ticker_{kPeriod, [this] {  // last: its end waits for an answer, at most 2 s
                    ask();
                    return true;
                  }};

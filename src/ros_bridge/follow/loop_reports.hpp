@@ -1,5 +1,6 @@
 #pragma once
 
+#include <boost/array.hpp>
 #include <diagnostic_msgs/DiagnosticStatus.h>
 #include <ros/node_handle.h>
 
@@ -510,6 +511,13 @@ class LoopPublisher {
           std::string("the arm is not seen, so what acts on it is not known; ") + kCheckVision;
     }
     load_publisher_.publish(out);
+  }
+
+  /// Row by row.
+  static boost::array<double, 9> toCovarianceMsg(const Eigen::Matrix3d& covariance) {
+    boost::array<double, 9> out;
+    Eigen::Map<Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(out.data()) = covariance;
+    return out;
   }
 
   const io::Scene& scene_;

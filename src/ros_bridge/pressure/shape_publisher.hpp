@@ -10,6 +10,7 @@
 #include <diagnostic_msgs/DiagnosticStatus.h>
 #include <ros/node_handle.h>
 #include <ros/time.h>
+#include <sensor_msgs/JointState.h>
 #include <tf2_ros/static_transform_broadcaster.h>
 
 #include "helix_arm/ArmShape.h"
@@ -123,12 +124,7 @@ class ShapePublisher {
     tip.header = header;
     tip.pose = toPoseMsg(solution_.tip);
     tip_publisher_.publish(tip);
-    if (joints_publisher_.getNumSubscribers() > 0) {
-      std::vector<std::string> sections;
-      for (const io::SectionLook& look : scene_.looks) sections.push_back(look.name);
-      joints_publisher_.publish(
-          toJointStates(header, scene_.arm, sections, measured, command, solution_.shape.twists()));
-    }
+    if (joints_publisher_.getNumSubscribers() > 0) publishJoints(header, command);
     if (readings_ % readings_per_tf_ == 0) curve_frames_.send(solution_.shape, stamp);
   }
 
@@ -211,6 +207,31 @@ class ShapePublisher {
         "arm.stiffness.K_eps_n",
         scene_.name.c_str(), scene_.model.choice().setting.name().c_str(), at.c_str(),
         statics::nameOf(solution_.status), solution_.residual, unsolved_.total());
+  }
+
+  /// The arm in the words of other programs. Of each actuator: position is the measured pressure
+  /// [Pa], effort the command [Pa]. Of each section, `NAME_bend_y`, `NAME_bend_z` and `NAME_twist`:
+  /// angles about y, z and x of its base curve [rad], whose effort is NaN.
+  void publishJoints(const std_msgs::Header& header, const Eigen::VectorXd& command) const {
+    sensor_msgs::JointState out;
+    out.header = header;
+    const auto add = [&out](const std::string& name, double position, double effort) {
+      out.name.push_back(name);
+      out.position.push_back(position);
+      out.effort.push_back(effort);
+    };
+    const model::Arm& arm = scene_.arm;
+    for (int i = 0; i < arm.actuatorCount(); ++i) {
+      add(arm.actuator(i).name, measured_[i], command[i]);
+    }
+    const model::Twists twists = solution_.shape.twists();
+    for (int k = 0; k < arm.sectionCount(); ++k) {
+      const std::string& name = scene_.looks[static_cast<std::size_t>(k)].name;
+      add(name + "_bend_y", twists(4, k), NAN);
+      add(name + "_bend_z", twists(5, k), NAN);
+      add(name + "_twist", twists(3, k), NAN);
+    }
+    joints_publisher_.publish(out);
   }
 
   /// Whether the last reading is fresh.

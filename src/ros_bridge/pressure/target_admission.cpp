@@ -11,6 +11,20 @@
 #include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
+namespace {
+
+// A pose as the target of a tip: its position alone where the orientation is all 0.
+TipTarget toTipTarget(const geometry_msgs::PoseStamped& pose) {
+  TipTarget target;
+  target.header = pose.header;
+  const geometry_msgs::Quaternion& q = pose.pose.orientation;
+  const bool is_set = !Eigen::Vector4d(q.x, q.y, q.z, q.w).isZero(0);
+  target.mode = is_set ? TipTarget::POSE : TipTarget::POSITION;
+  target.pose = pose.pose;
+  return target;
+}
+
+}  // namespace
 
 TargetStatus TargetAdmission::answerTo(const TargetSender& sender) const {
   TargetStatus status;

@@ -289,6 +289,13 @@ cv::Scalar colorOf(const TagDetection& tag) {
 constexpr std::uint8_t kStates[] = {VisionStatus::MEASURED, VisionStatus::NO_TAGS,
                                     VisionStatus::FEW_TAGS, VisionStatus::NO_FIT};
 
+// Name of a state of VisionStatus.
+const char* nameOfState(std::uint8_t state) {
+  static constexpr std::array<const char*, VisionStatus::ENDED + 1> kNames = {
+      "measured", "few_tags", "no_tags", "no_fit", "waiting", "stale", "camera_fault", "ended"};
+  return state < kNames.size() ? kNames[state] : "in an unknown state";
+}
+
 // By PictureFault.
 constexpr std::uint64_t VisionStatus::*kCounters[kPictureFaultCount] = {
     &VisionStatus::bad_jpeg,        &VisionStatus::wrong_encoding, &VisionStatus::wrong_size,
