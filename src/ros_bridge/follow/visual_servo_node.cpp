@@ -239,7 +239,8 @@ class VisualServoNode : public Node {
     command(turn);
     if (turn.commands) action_.watch(time, turn);
     tellState(before);
-    publisher_.publish(view());
+    publisher_.publish(stamp_, last_picture_,
+                       action_.wants() ? names::kFollowTipPath : targets_.commander(), reason());
   }
 
   void aim() {
@@ -282,11 +283,6 @@ class VisualServoNode : public Node {
   void giveUp(const std::string& reason) {
     targets_.refuse({control::Fault::kNotEnabled, reason});
     action_.abandon(reason);
-  }
-
-  LoopPublisher::View view() {
-    return {stamp_, last_picture_, action_.wants() ? names::kFollowTipPath : targets_.commander(),
-            reason()};
   }
 
   // A camera that has moved comes first: through it the arm seems to move otherwise.
