@@ -19,6 +19,7 @@
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/procedures/calibration_job.hpp"
 #include "ros_bridge/common/client_watch.hpp"
+#include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/common/guarded_callbacks.hpp"
 #include "ros_bridge/common/parameters.hpp"
 
@@ -404,9 +405,7 @@ void CockpitLink::send() {
     TipTarget target;
     target.header.stamp = ros::Time::now();
     target.mode = TipTarget::POSITION;
-    target.pose.position.x = held.tip[0];
-    target.pose.position.y = held.tip[1];
-    target.pose.position.z = held.tip[2];
+    target.pose.position = toPointMsg(Eigen::Vector3d(held.tip.data()));
     target.pose.orientation.w = 1.0;
     tip_publisher_.publish(target);
   }
