@@ -99,9 +99,8 @@ class VisionNode : public Node {
     }
     sendCameraFrame();
     status_.lookAt(scene_);
-    using Self = VisionNode;
-    model_subscriber_ = listen(node_, names::kModel, 100, &Self::onModel, this);
-    estimate_subscriber_ = listen(node_, names::kEstimate, 10, &Self::onEstimate, this);
+    model_subscriber_ = hear(names::kModel, 100, "a model", &PictureMeasurer::addModel);
+    estimate_subscriber_ = hear(names::kEstimate, 10, "an estimate", &PictureMeasurer::addEstimate);
     reload_ = std::make_unique<ReloadServer>(private_node, options_.scene, options_.scene_folder,
                                              [this](io::Scene next) { adopt(std::move(next)); });
     watch_timer_ =
@@ -130,27 +129,19 @@ class VisionNode : public Node {
   }
 
  private:
-  // Callbacks.
-  void onModel(const ArmShapeConstPtr& model) {
-    if (const auto shape = checked(*model, "a model")) {
-      measurer_.addModel(model->header.stamp, *shape);
-    }
-  }
-
-  void onEstimate(const ArmShapeConstPtr& estimate) {
-    if (const auto shape = checked(*estimate, "an estimate")) {
-      measurer_.addEstimate(estimate->header.stamp, *shape);
-    }
-  }
-
-  // Nothing on a shape of another arm, which is counted: the picture is measured without it.
-  std::optional<model::Shape> checked(const ArmShape& message, const char* what) {
-    auto shape = fromMsg(message, scene_.arm, frames_.base);
-    if (auto* sound = std::get_if<model::Shape>(&shape)) return std::move(*sound);
-    status_.count({PictureFault::kBadModel, std::string(what) + " does not match scene " +
-                                                scene_.name + ": " +
-                                                std::get<control::Refusal>(shape).message});
-    return std::nullopt;
+  /// Subscribes. A shape of another arm is counted; the picture is measured without it.
+  ros::Subscriber hear(const char* topic, std::uint32_t queue, const char* what,
+                       void (PictureMeasurer::*add)(const ros::Time&, const model::Shape&)) {
+    return listen<ArmShape>(node_, topic, queue, [this, what, add](const auto& event) {
+      const ArmShape& message = *event.getMessage();
+      const auto shape = fromMsg(message, scene_.arm, frames_.base);
+      if (const auto* refusal = std::get_if<control::Refusal>(&shape)) {
+        return status_.count(
+            {PictureFault::kBadModel,
+             std::string(what) + " does not match scene " + scene_.name + ": " + refusal->message});
+      }
+      (measurer_.*add)(message.header.stamp, std::get<model::Shape>(shape));
+    });
   }
 
   void adopt(io::Scene next) {
