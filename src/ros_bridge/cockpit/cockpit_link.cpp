@@ -200,7 +200,13 @@ void ActionRuns<Action, Run>::start(const Goal& goal) {
       goal,
       [this, run](const actionlib::SimpleClientGoalState& state,
                   const boost::shared_ptr<const Result>& result) {
-        onResult(run, result.get(), state);
+        const basics::MutexLock lock(mutex_);
+        if (!isUnderWay(run)) return;
+        run_.running = false;
+        run_.ended = true;
+        run_.cancelled = state == actionlib::SimpleClientGoalState::PREEMPTED;
+        run_.result.message = "the " + what_ + " node ended (" + state.toString() + ")";
+        if (result != nullptr) run_.result = *result;
       },
       typename Client::SimpleActiveCallback(),
       [this, run](const boost::shared_ptr<const Feedback>& feedback) {
@@ -222,18 +228,6 @@ Run ActionRuns<Action, Run>::view(double now) {
     run_.result.message = "the " + what_ + " node is gone; start it, then click Start again";
   }
   return run_;
-}
-
-template <class Action, class Run>
-void ActionRuns<Action, Run>::onResult(std::uint64_t run, const Result* result,
-                                       const actionlib::SimpleClientGoalState& ending) {
-  const basics::MutexLock lock(mutex_);
-  if (!isUnderWay(run)) return;
-  run_.running = false;
-  run_.ended = true;
-  run_.cancelled = ending == actionlib::SimpleClientGoalState::PREEMPTED;
-  run_.result.message = "the " + what_ + " node ended (" + ending.toString() + ")";
-  if (result != nullptr) run_.result = *result;
 }
 
 template <class Message>

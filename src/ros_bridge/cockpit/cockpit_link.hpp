@@ -214,8 +214,6 @@ class ActionRuns {
   bool isUnderWay(std::uint64_t run) const HELIX_ARM_REQUIRES(mutex_) {
     return run == runs_ && run_.running;
   }
-  void onResult(std::uint64_t run, const Result* result,
-                const actionlib::SimpleClientGoalState& ending) HELIX_ARM_EXCLUDES(mutex_);
 
   basics::Mutex mutex_;
   Run run_ HELIX_ARM_GUARDED_BY(mutex_);
