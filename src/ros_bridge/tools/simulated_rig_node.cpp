@@ -1,4 +1,5 @@
 #include <chrono>
+#include <future>
 
 #include <geometry_msgs/PoseStamped.h>
 #include <rosgraph_msgs/Clock.h>
@@ -127,11 +128,7 @@ class SimulatedRigNode : public Node {
   }
 
   ~SimulatedRigNode() override {
-    {
-      const basics::MutexLock lock(mutex_);
-      stop_ = true;
-    }
-    wake_.notifyAll();
+    stop_.set_value();
     photographer_.join();
   }
 
@@ -276,15 +273,10 @@ class SimulatedRigNode : public Node {
     const auto period = std::chrono::duration_cast<Clock::duration>(
         std::chrono::duration<double>(1.0 / options_.camera_rate));
     Clock::time_point due = Clock::now();
-    const auto stopped = [this] {
-      const basics::MutexLock lock(mutex_);
-      return stop_;
-    };
-    while (!stopped()) {
+    const std::future<void> stop = stop_.get_future();
+    while (stop.wait_until(due) == std::future_status::timeout) {
       publishPicture(camera, encoder);
       due = std::max(due + period, Clock::now());
-      basics::MutexLock lock(mutex_);
-      wake_.waitUntil(lock, due, [this]() HELIX_ARM_REQUIRES(mutex_) { return stop_; });
     }
   }
 
@@ -337,9 +329,8 @@ class SimulatedRigNode : public Node {
   std::vector<ros::Publisher> pose_publishers_;  ///< of each body
 
   basics::Mutex mutex_;
-  basics::Condition wake_;
-  bool stop_ HELIX_ARM_GUARDED_BY(mutex_) = false;
   std::optional<Moment> now_ HELIX_ARM_GUARDED_BY(mutex_);  ///< the last one
+  std::promise<void> stop_;                                 ///< of the pictures
   /// Renders, since a picture takes longer than a loop of the regulator.
   GuardedThread photographer_;
 };
