@@ -40,15 +40,6 @@ ros::Subscriber listen(ros::NodeHandle& node, const std::string& topic, std::uin
                                                ros::TransportHints().tcpNoDelay());
 }
 
-/// The same for a method that takes the event.
-template <class Node, class Message>
-ros::Subscriber listen(ros::NodeHandle& node, const std::string& topic, std::uint32_t queue,
-                       void (Node::*callback)(const ros::MessageEvent<const Message>&),
-                       Node* owner) {
-  return listen<Message>(node, topic, queue,
-                         [owner, callback](const auto& event) { (owner->*callback)(event); });
-}
-
 /// The same for a method that takes the message.
 template <class Node, class Message>
 ros::Subscriber listen(ros::NodeHandle& node, const std::string& topic, std::uint32_t queue,
@@ -71,15 +62,6 @@ ros::ServiceServer serve(ros::NodeHandle& node, const std::string& service, Call
     return ok;
   };
   return node.advertiseService(service, guarded);
-}
-
-/// The same for a method that takes the event.
-template <class Node, class Request, class Response>
-ros::ServiceServer serve(ros::NodeHandle& node, const std::string& service,
-                         bool (Node::*callback)(ros::ServiceEvent<Request, Response>&),
-                         Node* owner) {
-  return serve<Request, Response>(
-      node, service, [owner, callback](auto& event) { return (owner->*callback)(event); });
 }
 
 /// The same for a method that takes request and response.

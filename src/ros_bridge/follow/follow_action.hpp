@@ -13,7 +13,6 @@
 
 #include <actionlib/server/action_server.h>
 #include <boost/weak_ptr.hpp>
-#include <ros/message_event.h>
 #include <ros/node_handle.h>
 #include <ros/time.h>
 
@@ -46,7 +45,12 @@ namespace helix_arm::ros_bridge {
 class GoalClient {
  public:
   GoalClient(ros::NodeHandle& node, const std::string& action) {
-    subscriber_ = listen(node, action + "/goal", kQueue, &GoalClient::onGoal, this);
+    constexpr int kQueue = 50;  // that of actionlib
+    subscriber_ =
+        listen<FollowTipPathActionGoal>(node, action + "/goal", kQueue, [this](const auto& event) {
+          senders_.remove_if([](const auto& sender) { return sender.first.expired(); });
+          senders_.emplace_back(event.getConstMessage(), event.getPublisherName());
+        });
   }
 
   /// Watches the sender of the next goal, which the server has handed out and not copied, beside
@@ -68,13 +72,6 @@ class GoalClient {
   ClientWatch& next() { return watches_[1 - present_]; }
 
  private:
-  static constexpr int kQueue = 50;  // that of actionlib
-
-  void onGoal(const ros::MessageEvent<const FollowTipPathActionGoal>& event) {
-    senders_.remove_if([](const auto& sender) { return sender.first.expired(); });
-    senders_.emplace_back(event.getConstMessage(), event.getPublisherName());
-  }
-
   /// Senders of the goals that somebody still has.
   std::list<std::pair<boost::weak_ptr<const FollowTipPathActionGoal>, std::string>> senders_;
   ClientWatch watches_[2];

@@ -97,7 +97,8 @@ class PressureLoop {
     }
     ros::NodeHandle below = onQueue(ros::NodeHandle("~"), queue_);
     enable_server_ = serve(below, names::kEnable, &PressureLoop::onEnable, this);
-    rest_server_ = serve(below, names::kRest, &PressureLoop::onRest, this);
+    rest_server_ = serve<Trigger::Request, Trigger::Response>(
+        below, names::kRest, [this](auto& call) { return onRest(call); });
     vent_server_ = serve(below, names::kVent, &PressureLoop::onVent, this);
     stop_server_ = serve(below, names::kEmergencyStop, &PressureLoop::onStop, this);
     reading_spinner_.start();

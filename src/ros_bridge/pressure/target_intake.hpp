@@ -50,8 +50,9 @@ class TargetIntake {
             [this](const TargetSender& sender, const model::Twists& twists) {
               follow(sender, solver_.toTwists(twists, beginSearch()));
             }),
-        subscriber_(
-            listen(node, names::kPressureTarget, 10, &TargetIntake::onPressureTarget, this)) {}
+        subscriber_(listen<PressureArray>(node, names::kPressureTarget, 10,
+                                          [this](const auto& event) { onPressureTarget(event); })) {
+  }
 
   /// Follows a change of the scene. Whoever holds the lease keeps it.
   void adopt() {
