@@ -44,28 +44,26 @@ TargetSender::TargetSender(const ros::Time& time)
     : topic(names::kTipTarget), commander(names::kInteractiveMarker), stamp(time), ages(false) {}
 
 TargetAdmission::TargetAdmission(ros::NodeHandle& node, const io::Scene& scene, AimTip aim_tip,
-                                 AimShape aim_shape)
+                                 const AimShape& aim_shape)
     : scene_(scene),
       aim_tip_(std::move(aim_tip)),
       lease_(scene.safety.commander_timeout),
-      publisher_(node.advertise<TargetStatus>(names::kTargetStatus, 100)),
-      subscribers_{listen<TipTarget>(node, names::kTipTarget, 10,
-                                     [this](const auto& event) {
-                                       aim_tip_({names::kTipTarget, event}, *event.getMessage());
-                                     }),
-                   listen<geometry_msgs::PoseStamped>(
-                       node, names::kTipTargetPose, 10,
-                       [this](const auto& event) {
-                         aim_tip_({names::kTipTargetPose, event}, toTipTarget(*event.getMessage()));
-                       }),
-                   listen<ShapeTarget>(node, names::kShapeTarget, 10,
-                                       [this, aim_shape = std::move(aim_shape)](const auto& event) {
-                                         const TargetSender sender(names::kShapeTarget, event);
-                                         const auto checked = control::checkTwists(
-                                             scene_.arm.sectionCount(), event.getMessage()->twist);
-                                         if (const model::Twists* twists = admit(sender, checked))
-                                           aim_shape(sender, *twists);
-                                       })} {}
+      publisher_(node.advertise<TargetStatus>(names::kTargetStatus, 100)) {
+  tip_subscriber_ = listen<TipTarget>(node, names::kTipTarget, 10, [this](const auto& event) {
+    aim_tip_({names::kTipTarget, event}, *event.getMessage());
+  });
+  pose_subscriber_ = listen<geometry_msgs::PoseStamped>(
+      node, names::kTipTargetPose, 10, [this](const auto& event) {
+        aim_tip_({names::kTipTargetPose, event}, toTipTarget(*event.getMessage()));
+      });
+  shape_subscriber_ =
+      listen<ShapeTarget>(node, names::kShapeTarget, 10, [this, aim_shape](const auto& event) {
+        const TargetSender sender(names::kShapeTarget, event);
+        const int sections = scene_.arm.sectionCount();
+        const auto checked = control::checkTwists(sections, event.getMessage()->twist);
+        if (const model::Twists* twists = admit(sender, checked)) aim_shape(sender, *twists);
+      });
+}
 
 void TargetAdmission::adopt() {
   const double timeout = scene_.safety.commander_timeout;

@@ -68,7 +68,7 @@ class TargetAdmission {
 
   /// @param scene  Kept by reference: after a change, call adopt() before the next target.
   TargetAdmission(ros::NodeHandle& node, const io::Scene& scene, AimTip aim_tip,
-                  AimShape aim_shape);
+                  const AimShape& aim_shape);
 
   /// A target from the interactive marker, whose stamp is not checked.
   void takeFromHandle(const TipTarget& target) {
@@ -121,7 +121,7 @@ class TargetAdmission {
   NearestZone nearest_;
   bool news_ = false;  ///< a target was dropped or out of reach since the last status
   ros::Publisher publisher_;
-  const std::array<ros::Subscriber, 3> subscribers_;
+  ros::Subscriber tip_subscriber_, pose_subscriber_, shape_subscriber_;
 };
 
 }  // namespace helix_arm::ros_bridge
