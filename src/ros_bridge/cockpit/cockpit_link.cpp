@@ -19,6 +19,8 @@
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/procedures/calibration_job.hpp"
 #include "ros_bridge/common/client_watch.hpp"
+#include "ros_bridge/common/conversions.hpp"
+#include "ros_bridge/common/guarded_callbacks.hpp"
 #include "ros_bridge/common/parameters.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -198,7 +200,13 @@ void ActionRuns<Action, Run>::start(const Goal& goal) {
       goal,
       [this, run](const actionlib::SimpleClientGoalState& state,
                   const boost::shared_ptr<const Result>& result) {
-        onResult(run, result.get(), state);
+        const basics::MutexLock lock(mutex_);
+        if (!isUnderWay(run)) return;
+        run_.running = false;
+        run_.ended = true;
+        run_.cancelled = state == actionlib::SimpleClientGoalState::PREEMPTED;
+        run_.result.message = "the " + what_ + " node ended (" + state.toString() + ")";
+        if (result != nullptr) run_.result = *result;
       },
       typename Client::SimpleActiveCallback(),
       [this, run](const boost::shared_ptr<const Feedback>& feedback) {
@@ -220,18 +228,6 @@ Run ActionRuns<Action, Run>::view(double now) {
     run_.result.message = "the " + what_ + " node is gone; start it, then click Start again";
   }
   return run_;
-}
-
-template <class Action, class Run>
-void ActionRuns<Action, Run>::onResult(std::uint64_t run, const Result* result,
-                                       const actionlib::SimpleClientGoalState& ending) {
-  const basics::MutexLock lock(mutex_);
-  if (!isUnderWay(run)) return;
-  run_.running = false;
-  run_.ended = true;
-  run_.cancelled = ending == actionlib::SimpleClientGoalState::PREEMPTED;
-  run_.result.message = "the " + what_ + " node ended (" + ending.toString() + ")";
-  if (result != nullptr) run_.result = *result;
 }
 
 template <class Message>
@@ -268,7 +264,10 @@ CockpitLink::CockpitLink(const std::string& ns) : node_(ns), spinner_(1, &queue_
   };
   make(calibration_, names::kCalibrationNode, names::kRunCalibration);
   make(experiment_, names::kExperimentNode, names::kRunExperiment);
-  timer_ = repeat(node_, "the cockpit's targets", kTargetPeriod, &CockpitLink::onTurn, this);
+  timer_ = repeat(node_, "the cockpit's targets", kTargetPeriod, [this] {
+    const basics::MutexLock lock(mutex_);
+    if (held_.turn(now())) send();
+  });
   spinner_.start();
 }
 
@@ -400,9 +399,7 @@ void CockpitLink::send() {
     TipTarget target;
     target.header.stamp = ros::Time::now();
     target.mode = TipTarget::POSITION;
-    target.pose.position.x = held.tip[0];
-    target.pose.position.y = held.tip[1];
-    target.pose.position.z = held.tip[2];
+    target.pose.position = toPointMsg(Eigen::Vector3d(held.tip.data()));
     target.pose.orientation.w = 1.0;
     tip_publisher_.publish(target);
   }

@@ -214,8 +214,6 @@ class ActionRuns {
   bool isUnderWay(std::uint64_t run) const HELIX_ARM_REQUIRES(mutex_) {
     return run == runs_ && run_.running;
   }
-  void onResult(std::uint64_t run, const Result* result,
-                const actionlib::SimpleClientGoalState& ending) HELIX_ARM_EXCLUDES(mutex_);
 
   basics::Mutex mutex_;
   Run run_ HELIX_ARM_GUARDED_BY(mutex_);
@@ -315,11 +313,6 @@ class CockpitLink {
   bool onSafety(const SafetyState& message) HELIX_ARM_REQUIRES(mutex_);
   bool onStatus(const TargetStatus& message) HELIX_ARM_REQUIRES(mutex_);
   bool onDiagnostics(const diagnostic_msgs::DiagnosticArray& message) HELIX_ARM_REQUIRES(mutex_);
-
-  void onTurn(const ros::SteadyTimerEvent&) HELIX_ARM_EXCLUDES(mutex_) {
-    const basics::MutexLock lock(mutex_);
-    if (held_.turn(now())) send();
-  }
 
   void send() HELIX_ARM_REQUIRES(mutex_);
   std::vector<CockpitChannel> channels() const HELIX_ARM_REQUIRES(mutex_);

@@ -67,8 +67,10 @@ void CurveFrames::send(const model::Shape& shape, const ros::Time& stamp, const 
 
 FrameLookup::FrameLookup(ros::NodeHandle& node, std::string base_frame)
     : base_frame_(std::move(base_frame)),
-      moving_subscriber_(listen(node, names::kTf, 100, &FrameLookup::onMoving, this)),
-      static_subscriber_(listen(node, names::kStaticTf, 100, &FrameLookup::onStatic, this)) {}
+      moving_subscriber_(listen<tf2_msgs::TFMessage>(
+          node, names::kTf, 100, [this](const auto& event) { take(event, false); })),
+      static_subscriber_(listen<tf2_msgs::TFMessage>(
+          node, names::kStaticTf, 100, [this](const auto& event) { take(event, true); })) {}
 
 void FrameLookup::take(const ros::MessageEvent<const tf2_msgs::TFMessage>& event, bool is_static) {
   const ros::Time now = ros::Time::now();

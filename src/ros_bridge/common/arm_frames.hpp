@@ -85,8 +85,6 @@ class FrameLookup {
   const std::string& baseFrame() const { return base_frame_; }
 
  private:
-  void onMoving(const ros::MessageEvent<const tf2_msgs::TFMessage>& event) { take(event, false); }
-  void onStatic(const ros::MessageEvent<const tf2_msgs::TFMessage>& event) { take(event, true); }
   void take(const ros::MessageEvent<const tf2_msgs::TFMessage>& event, bool is_static);
 
   const std::string base_frame_;

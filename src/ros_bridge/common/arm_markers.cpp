@@ -17,15 +17,6 @@ namespace {
 
 using visualization_msgs::Marker;
 
-std_msgs::ColorRGBA color(double r, double g, double b, double a = 1.0) {
-  std_msgs::ColorRGBA out;
-  out.r = static_cast<float>(r);
-  out.g = static_cast<float>(g);
-  out.b = static_cast<float>(b);
-  out.a = static_cast<float>(a);
-  return out;
-}
-
 constexpr double kSigmas = 2.0;
 constexpr double kThinnest = 1e-4;  // rviz does not draw what has no extent [m]
 
@@ -235,6 +226,15 @@ visualization_msgs::InteractiveMarker handle(const std::string& frame, const io:
 }
 
 }  // namespace
+
+std_msgs::ColorRGBA color(double r, double g, double b, double a) {
+  std_msgs::ColorRGBA out;
+  out.r = static_cast<float>(r);
+  out.g = static_cast<float>(g);
+  out.b = static_cast<float>(b);
+  out.a = static_cast<float>(a);
+  return out;
+}
 
 double SideView::distance(double field_of_view, double aspect) const {
   const double half = std::tan(0.5 * field_of_view);

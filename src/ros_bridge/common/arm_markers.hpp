@@ -24,6 +24,8 @@
 /// Display of an arm in rviz: markers in its base frame, in stable namespaces and ids; its handle.
 namespace helix_arm::ros_bridge {
 
+std_msgs::ColorRGBA color(double r, double g, double b, double a = 1.0);
+
 /// How an arm is looked at from the side, for any mounting, and where texts about it stand, so that
 /// they cover neither the arm nor each other. All vectors begin at the arm's base, in the axes of
 /// the world frame, whose z axis points up, or of the base; all grows with the arm's length.

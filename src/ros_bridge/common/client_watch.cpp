@@ -5,30 +5,21 @@
 #include <poll.h>
 #include <ros/master.h>
 #include <ros/network.h>
-#include <std_srvs/Trigger.h>
+#include <ros/this_node.h>
 #include <xmlrpcpp/XmlRpc.h>
 
 #include "helix_arm/basics/quote.hpp"
-#include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
 
-constexpr int kSuccessCode = 1;  // of an answer, by ROS's Master and Slave API
+constexpr double kAnswerPatience = 2;  // longest wait for an answer [s]
+constexpr int kSuccessCode = 1;        // of an answer, by ROS's Master and Slave API
 
 double steadySeconds() { return ros::SteadyTime::now().toSec(); }
 
-// Asks the master for a node.
-Reply lookUp(const std::string& node, XmlRpc::XmlRpcValue& uri) {
-  XmlRpc::XmlRpcValue question;
-  question[0] = ros::this_node::getName();
-  question[1] = node;
-  return callXmlRpc(ros::master::getHost(), static_cast<int>(ros::master::getPort()), "lookupNode",
-                    question, uri);
-}
-
-}  // namespace
-
+// Calls and waits for at most kAnswerPatience; ros::master::execute() waits without end.
+// @param answer  the value of a success.
 Reply callXmlRpc(const std::string& host, int port, const char* method,
                  const XmlRpc::XmlRpcValue& question, XmlRpc::XmlRpcValue& answer) {
   XmlRpc::XmlRpcClient client(host.c_str(), port, "/");
@@ -55,6 +46,17 @@ Reply callXmlRpc(const std::string& host, int port, const char* method,
   answer = all[2];
   return Reply::kSuccess;
 }
+
+// Asks the master for a node.
+Reply lookUp(const std::string& node, XmlRpc::XmlRpcValue& uri) {
+  XmlRpc::XmlRpcValue question;
+  question[0] = ros::this_node::getName();
+  question[1] = node;
+  return callXmlRpc(ros::master::getHost(), static_cast<int>(ros::master::getPort()), "lookupNode",
+                    question, uri);
+}
+
+}  // namespace
 
 Reply askMaster() {
   XmlRpc::XmlRpcValue answer;
@@ -121,22 +123,6 @@ bool ClientWatch::answers(const std::string& node, std::string& uri) {
   std::uint32_t port = 0;
   return ros::network::splitURI(uri, host, port) &&
          callXmlRpc(host, static_cast<int>(port), "getPid", caller, answer) == Reply::kSuccess;
-}
-
-void requestRest() {
-  ros::NodeHandle node;
-  ros::ServiceClient client = node.serviceClient<std_srvs::Trigger>(
-      std::string(names::kPressureCommandNode) + "/" + names::kRest);
-  std_srvs::Trigger rest;
-  if (client.call(rest)) {
-    return logInfo("%s: %s", client.getService().c_str(),
-                   basics::quoted(rest.response.message, kLongestMessage).c_str());
-  }
-  // Nodes that are shut down together may miss each other.
-  logLine(EndRequest::made() ? ros::console::levels::Info : ros::console::levels::Warn,
-          "%s does not exist or does not answer: the arm vents once no target has come for "
-          "safety.target_timeout_s, as after a fault",
-          client.getService().c_str());
 }
 
 }  // namespace helix_arm::ros_bridge

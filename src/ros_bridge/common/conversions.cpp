@@ -14,7 +14,8 @@ namespace {
 using basics::messageOf;
 using control::Fault, control::Refusal;
 
-constexpr double kShortest = 1e-3;  // a curve [m]
+constexpr double kShortest = 1e-3;       // a curve [m]
+constexpr double kMostTipForce = 100.0;  // that a message may put on the tip [N]
 // Senders round to a few digits; pieces and mean twist that differ by more are wrong [m, rad].
 constexpr double kPieceTolerance = 1e-3;
 
@@ -96,12 +97,6 @@ geometry_msgs::Pose toPoseMsg(const lie::SE3& X) {
   msg.position = toPointMsg(X.translation);
   msg.orientation = toQuaternionMsg(X.rotation);
   return msg;
-}
-
-boost::array<double, 9> toCovarianceMsg(const Eigen::Matrix3d& covariance) {
-  boost::array<double, 9> out;
-  Eigen::Map<Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(out.data()) = covariance;
-  return out;
 }
 
 geometry_msgs::Transform toTransformMsg(const lie::SE3& X) {
@@ -194,37 +189,6 @@ control::Checked<model::Shape> fromMsg(const ArmShape& shape, const model::Arm& 
     return Refusal{Fault::kOutOfRange, "its pieces do not sum to the twists of its sections, " +
                                            std::to_string(off) +
                                            " m or rad off; send in `twist` the sums of the pieces"};
-  }
-  return out;
-}
-
-TipTarget toTipTarget(const geometry_msgs::PoseStamped& pose) {
-  TipTarget target;
-  target.header = pose.header;
-  const geometry_msgs::Quaternion& q = pose.pose.orientation;
-  const bool is_set = !Eigen::Vector4d(q.x, q.y, q.z, q.w).isZero(0);
-  target.mode = is_set ? TipTarget::POSE : TipTarget::POSITION;
-  target.pose = pose.pose;
-  return target;
-}
-
-sensor_msgs::JointState toJointStates(const std_msgs::Header& header, const model::Arm& arm,
-                                      const std::vector<std::string>& sections,
-                                      const Eigen::VectorXd& measured,
-                                      const Eigen::VectorXd& command, const model::Twists& twists) {
-  sensor_msgs::JointState out;
-  out.header = header;
-  const auto add = [&out](const std::string& name, double position, double effort) {
-    out.name.push_back(name);
-    out.position.push_back(position);
-    out.effort.push_back(effort);
-  };
-  for (int i = 0; i < arm.actuatorCount(); ++i) add(arm.actuator(i).name, measured[i], command[i]);
-  for (int k = 0; k < arm.sectionCount(); ++k) {
-    const std::string& name = sections[static_cast<std::size_t>(k)];
-    add(name + "_bend_y", twists(4, k), NAN);
-    add(name + "_bend_z", twists(5, k), NAN);
-    add(name + "_twist", twists(3, k), NAN);
   }
   return out;
 }

@@ -1,13 +1,14 @@
 #pragma once
 
+#include <stdexcept>
 #include <string>
+#include <utility>
+#include <variant>
 #include <vector>
 
-#include <boost/array.hpp>
 #include <geometry_msgs/PoseStamped.h>
 #include <geometry_msgs/Transform.h>
 #include <geometry_msgs/WrenchStamped.h>
-#include <sensor_msgs/JointState.h>
 
 #include "helix_arm/ArmShape.h"
 #include "helix_arm/PressureArray.h"
@@ -22,14 +23,20 @@
 /// Conversions between messages and values. All incoming numbers are checked here.
 namespace helix_arm::ros_bridge {
 
+/// The value. @throws std::invalid_argument with the culprit and the reason where it is refused.
+template <class T>
+T orThrow(control::Checked<T> checked, const std::string& culprit = {}) {
+  const auto* refusal = std::get_if<control::Refusal>(&checked);
+  if (refusal != nullptr) throw std::invalid_argument(culprit + refusal->message);
+  return std::get<T>(std::move(checked));
+}
+
 std_msgs::Header toHeaderMsg(const ros::Time& stamp, const std::string& frame = {});
 geometry_msgs::Point toPointMsg(const Eigen::Vector3d& p);
 geometry_msgs::Vector3 toVectorMsg(const Eigen::Vector3d& vector);
 geometry_msgs::Quaternion toQuaternionMsg(const Eigen::Matrix3d& rotation);
 geometry_msgs::Pose toPoseMsg(const lie::SE3& X);
 geometry_msgs::Transform toTransformMsg(const lie::SE3& X);
-/// Row by row.
-boost::array<double, 9> toCovarianceMsg(const Eigen::Matrix3d& covariance);
 
 /// Pose of a message from our own nodes: neither checked nor normalised.
 lie::SE3 fromMsg(const geometry_msgs::Pose& pose);
@@ -61,19 +68,6 @@ PressureArray toPressureMsg(const std_msgs::Header& header, const model::Arm& ar
 control::Checked<model::Shape> fromMsg(const ArmShape& shape, const model::Arm& arm,
                                        const std::string& base_frame);
 
-/// A pose as the target of a tip: its position alone where the orientation is all 0.
-TipTarget toTipTarget(const geometry_msgs::PoseStamped& pose);
-
-/// An arm in the words of other programs. Of each actuator: position is the measured pressure [Pa],
-/// effort the command [Pa] (of tendons [rad]). Of each section, `NAME_bend_y`, `NAME_bend_z` and
-/// `NAME_twist`: angles about y, z and x of its base curve [rad], whose effort is NaN.
-///
-/// @param sections  their names. @param measured, command  (n).
-sensor_msgs::JointState toJointStates(const std_msgs::Header& header, const model::Arm& arm,
-                                      const std::vector<std::string>& sections,
-                                      const Eigen::VectorXd& measured,
-                                      const Eigen::VectorXd& command, const model::Twists& twists);
-
 /// The goal of a tip target, base frame.
 struct TipGoal {
   bool with_rotation;  ///< false: the orientation of X_BT is ignored
@@ -82,9 +76,6 @@ struct TipGoal {
 
 /// @param base_frame  the only accepted frame_id, besides an empty one.
 control::Checked<TipGoal> fromMsg(const TipTarget& target, const std::string& base_frame);
-
-/// Largest force that a message may put on the tip [N].
-inline constexpr double kMostTipForce = 100.0;
 
 /// The force at the tip, base frame [N], of a wrench without torque.
 ///

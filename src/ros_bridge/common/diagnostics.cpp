@@ -3,7 +3,6 @@
 #include <chrono>
 #include <cstdarg>
 #include <cstdio>
-#include <exception>
 #include <sstream>
 
 #include "guarded_callbacks.hpp"
@@ -65,17 +64,6 @@ void hand(LogLevel level, const char* format, std::va_list values) {
 }
 
 constexpr double kWarningPeriod = 5.0;  // of each kind of fault [s]
-
-// Message of the exception that is being handled.
-std::string reason() {
-  try {
-    throw;
-  } catch (const std::exception& fault) {
-    return basics::printableLines(fault.what());
-  } catch (...) {
-    return "an exception was thrown that is not a std::exception";
-  }
-}
 
 }  // namespace
 
@@ -246,9 +234,9 @@ FaultGuard::FaultGuard(std::string source, Log log)
       log_(log ? std::move(log) : [](const std::string& line) { logWarning("%s", line.c_str()); }) {
 }
 
-void FaultGuard::caught(const std::string& culprit, std::string* why) noexcept {
+void FaultGuard::caught(const std::string& culprit, const char* fault, std::string* why) noexcept {
   try {
-    const std::string text = reason();
+    const std::string text = basics::printableLines(fault);
     if (why != nullptr) *why = text;
     const basics::MutexLock lock(mutex_);
     if (!faults_.add()) return;

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <exception>
 #include <functional>
 #include <string>
 #include <thread>
@@ -144,15 +145,16 @@ class FaultGuard {
     try {
       body();
       return true;
+    } catch (const std::exception& fault) {
+      caught(culprit, fault.what(), why);
     } catch (...) {
-      caught(culprit, why);
-      return false;
+      caught(culprit, "an exception was thrown that is not a std::exception", why);
     }
+    return false;
   }
 
  private:
-  /// In a handler.
-  void caught(const std::string& culprit, std::string* why) noexcept;
+  void caught(const std::string& culprit, const char* fault, std::string* why) noexcept;
 
   const std::string source_;
   const Log log_;

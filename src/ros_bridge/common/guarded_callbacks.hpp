@@ -40,15 +40,6 @@ ros::Subscriber listen(ros::NodeHandle& node, const std::string& topic, std::uin
                                                ros::TransportHints().tcpNoDelay());
 }
 
-/// The same for a method that takes the event.
-template <class Node, class Message>
-ros::Subscriber listen(ros::NodeHandle& node, const std::string& topic, std::uint32_t queue,
-                       void (Node::*callback)(const ros::MessageEvent<const Message>&),
-                       Node* owner) {
-  return listen<Message>(node, topic, queue,
-                         [owner, callback](const auto& event) { (owner->*callback)(event); });
-}
-
 /// The same for a method that takes the message.
 template <class Node, class Message>
 ros::Subscriber listen(ros::NodeHandle& node, const std::string& topic, std::uint32_t queue,
@@ -73,15 +64,6 @@ ros::ServiceServer serve(ros::NodeHandle& node, const std::string& service, Call
   return node.advertiseService(service, guarded);
 }
 
-/// The same for a method that takes the event.
-template <class Node, class Request, class Response>
-ros::ServiceServer serve(ros::NodeHandle& node, const std::string& service,
-                         bool (Node::*callback)(ros::ServiceEvent<Request, Response>&),
-                         Node* owner) {
-  return serve<Request, Response>(
-      node, service, [owner, callback](auto& event) { return (owner->*callback)(event); });
-}
-
 /// The same for a method that takes request and response.
 template <class Node, class Request, class Response>
 ros::ServiceServer serve(ros::NodeHandle& node, const std::string& service,
@@ -94,15 +76,14 @@ ros::ServiceServer serve(ros::NodeHandle& node, const std::string& service,
 /// Calls back periodically, on a steady clock.
 /// @param what    activity named in the warnings, such as "drawing".
 /// @param period  [s]
-template <class Node>
+template <class Callback>
 ros::SteadyTimer repeat(ros::NodeHandle& node, const std::string& what, double period,
-                        void (Node::*callback)(const ros::SteadyTimerEvent&), Node* owner) {
+                        Callback callback) {
   // Caught here: roscpp removes a timer whose callback throws.
   const auto guard = std::make_shared<FaultGuard>("a turn of " + what);
-  return node.createSteadyTimer(ros::WallDuration(period),
-                                [guard, owner, callback](const ros::SteadyTimerEvent& event) {
-                                  guard->run("", [&] { (owner->*callback)(event); });
-                                });
+  return node.createSteadyTimer(
+      ros::WallDuration(period),
+      [guard, callback](const ros::SteadyTimerEvent&) { guard->run("", callback); });
 }
 
 }  // namespace helix_arm::ros_bridge

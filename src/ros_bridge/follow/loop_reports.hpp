@@ -1,5 +1,6 @@
 #pragma once
 
+#include <boost/array.hpp>
 #include <diagnostic_msgs/DiagnosticStatus.h>
 #include <ros/node_handle.h>
 
@@ -294,14 +295,6 @@ class TagMatcher {
 /// handle at the wanted tip. For the thread of the node's callback queue.
 class LoopPublisher {
  public:
-  /// The loop after a turn.
-  struct View {
-    ros::Time stamp;                        ///< of the turn
-    std::optional<ros::Time> last_picture;  ///< that the loop used
-    std::string commander;                  ///< empty if nobody commands
-    std::string message;                    ///< why it is in its state
-  };
-
   /// @param scene, loop, pictures, suspects  Kept by reference.
   /// @param rate       Maximum of status and estimate [Hz].
   /// @param draw_rate  Of draw() [Hz].
@@ -326,24 +319,35 @@ class LoopPublisher {
   }
   /// After a turn: publishes status and estimate, at a change of state, else at this rate; and the
   /// load, if its state has changed without a picture, as by a lack of pictures.
-  void publish(const View& view) {
-    if (!last_load_.empty() && loadState() != last_load_) tellLoad(view.stamp);
+  /// @param stamp         of the turn.
+  /// @param last_picture  that the loop used.
+  /// @param commander     empty if nobody commands.
+  /// @param message       why the loop is in its state.
+  void publish(const ros::Time& stamp, const std::optional<ros::Time>& last_picture,
+               const std::string& commander, const std::string& message) {
+    if (!last_load_.empty() && loadState() != last_load_) tellLoad(stamp);
     const estimation::ExternalLoad& load = loop_.load();
     const bool touched = load.contact && loop_.sees();
     tips_.force = touched ? std::optional(load.force) : std::nullopt;
     contact_ = touched ? "\ncontact" : "";
     if (touched && !load.normalised) contact_ += ", " + fixed(load.force.norm(), 2) + " N";
     const follow::Turn& turn = loop_.turn();
-    const double since = secondsBetween(status_.header.stamp, view.stamp);
+    const double since = secondsBetween(status_.header.stamp, stamp);
     if (since >= 0 && since < period_ && status_.state == follow::nameOf(loop_.state())) return;
-    noteBudget(view);
+    const auto& budget = loop_.budget();
+    const bool fresh =
+        last_picture && std::abs(secondsBetween(*last_picture, stamp)) < kFreshBudget;
+    tips_.budget = budget && fresh ? procedures::budgetText(*budget) : std::string();
+    tips_.outside = isOutside();
     const auto prediction = loop_.prediction();
-    if (prediction) publishEstimate(view, *prediction);
+    if (prediction) publishEstimate(stamp, *prediction);
     tips_.covariance =
         prediction ? prediction->tip_covariance : Eigen::Matrix3d(Eigen::Matrix3d::Zero());
     tips_.wanted = turn.commands ? std::optional(turn.wanted.translation) : std::nullopt;
     tips_.predicted = turn.predicted ? std::optional(turn.predicted->translation) : std::nullopt;
-    status_ = statusOf(view, tips_.covariance);
+    status_ = statusOf(stamp, tips_.covariance);
+    status_.commander = commander;
+    status_.message = message;
     status_publisher_.publish(status_);
   }
   /// After a picture that the loop used, or a change of the loop itself such as a reset. A budget
@@ -397,31 +401,22 @@ class LoopPublisher {
   bool isOutside() const {
     return loop_.budget() && loop_.budget()->state == estimation::BudgetState::kOutside;
   }
-  void noteBudget(const View& view) {
-    const auto& budget = loop_.budget();
-    const bool fresh = view.last_picture &&
-                       std::abs(secondsBetween(*view.last_picture, view.stamp)) < kFreshBudget;
-    tips_.budget = budget && fresh ? procedures::budgetText(*budget) : std::string();
-    tips_.outside = isOutside();
-  }
 
-  void publishEstimate(const View& view, const follow::Prediction& prediction) {
+  void publishEstimate(const ros::Time& stamp, const follow::Prediction& prediction) {
     const model::Shape& shape = prediction.shape;
     tips_.curve.clear();
     for (const auto& point : model::sampleToTip(shape, shape.sectionCount() * kEstimatePoints)) {
       tips_.curve.push_back(point.X.translation);
     }
-    const std_msgs::Header header = toHeaderMsg(view.stamp, base_frame_);
+    const std_msgs::Header header = toHeaderMsg(stamp, base_frame_);
     estimate_publisher_.publish(toShapeMsg(header, "estimated", shape, prediction.covariance));
   }
 
-  LoopStatus statusOf(const View& view, const Eigen::Matrix3d& tip_covariance) const {
+  LoopStatus statusOf(const ros::Time& stamp, const Eigen::Matrix3d& tip_covariance) const {
     const follow::Turn& turn = loop_.turn();
     LoopStatus out;
-    out.header = toHeaderMsg(view.stamp, base_frame_);
+    out.header = toHeaderMsg(stamp, base_frame_);
     out.state = follow::nameOf(turn.state);
-    out.message = view.message;
-    out.commander = view.commander;
     out.path_time = std::numeric_limits<double>::quiet_NaN();
     out.has_wanted = turn.commands;
     if (turn.commands) {
@@ -510,6 +505,13 @@ class LoopPublisher {
           std::string("the arm is not seen, so what acts on it is not known; ") + kCheckVision;
     }
     load_publisher_.publish(out);
+  }
+
+  /// Row by row.
+  static boost::array<double, 9> toCovarianceMsg(const Eigen::Matrix3d& covariance) {
+    boost::array<double, 9> out;
+    Eigen::Map<Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(out.data()) = covariance;
+    return out;
   }
 
   const io::Scene& scene_;

@@ -5,6 +5,7 @@
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/follow/path_check.hpp"
+#include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/common/guarded_callbacks.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -17,13 +18,6 @@ using Result = FollowTipPathResult;
 constexpr double kMemory = 2.0;  // of moments; pictures are younger [s]
 constexpr char kJoint[] = "tip";
 constexpr double kLatestStart = 60.0;  // ahead of now [s]
-
-template <class T>
-T orThrow(control::Checked<T> checked, const std::string& culprit) {
-  const auto* refusal = std::get_if<control::Refusal>(&checked);
-  if (refusal != nullptr) throw std::invalid_argument(culprit + refusal->message);
-  return std::get<T>(std::move(checked));
-}
 
 // Converts a point of the path, which is given in frame F.
 control::TipWayPoint wayPoint(const Point& point, const lie::SE3& X_BF, bool with_rotation,

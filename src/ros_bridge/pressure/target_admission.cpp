@@ -1,5 +1,8 @@
 #include "target_admission.hpp"
 
+#include <utility>
+
+#include "helix_arm/ShapeTarget.h"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/regulator/regulator_io.hpp"
@@ -8,6 +11,20 @@
 #include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
+namespace {
+
+// A pose as the target of a tip: its position alone where the orientation is all 0.
+TipTarget toTipTarget(const geometry_msgs::PoseStamped& pose) {
+  TipTarget target;
+  target.header = pose.header;
+  const geometry_msgs::Quaternion& q = pose.pose.orientation;
+  const bool is_set = !Eigen::Vector4d(q.x, q.y, q.z, q.w).isZero(0);
+  target.mode = is_set ? TipTarget::POSE : TipTarget::POSITION;
+  target.pose = pose.pose;
+  return target;
+}
+
+}  // namespace
 
 TargetStatus TargetAdmission::answerTo(const TargetSender& sender) const {
   TargetStatus status;
@@ -26,10 +43,27 @@ TargetStatus TargetAdmission::answerTo(const TargetSender& sender) const {
 TargetSender::TargetSender(const ros::Time& time)
     : topic(names::kTipTarget), commander(names::kInteractiveMarker), stamp(time), ages(false) {}
 
-TargetAdmission::TargetAdmission(ros::NodeHandle& node, const io::Scene& scene)
+TargetAdmission::TargetAdmission(ros::NodeHandle& node, const io::Scene& scene, AimTip aim_tip,
+                                 const AimShape& aim_shape)
     : scene_(scene),
+      aim_tip_(std::move(aim_tip)),
       lease_(scene.safety.commander_timeout),
-      publisher_(node.advertise<TargetStatus>(names::kTargetStatus, 100)) {}
+      publisher_(node.advertise<TargetStatus>(names::kTargetStatus, 100)) {
+  tip_subscriber_ = listen<TipTarget>(node, names::kTipTarget, 10, [this](const auto& event) {
+    aim_tip_({names::kTipTarget, event}, *event.getMessage());
+  });
+  pose_subscriber_ = listen<geometry_msgs::PoseStamped>(
+      node, names::kTipTargetPose, 10, [this](const auto& event) {
+        aim_tip_({names::kTipTargetPose, event}, toTipTarget(*event.getMessage()));
+      });
+  shape_subscriber_ =
+      listen<ShapeTarget>(node, names::kShapeTarget, 10, [this, aim_shape](const auto& event) {
+        const TargetSender sender(names::kShapeTarget, event);
+        const int sections = scene_.arm.sectionCount();
+        const auto checked = control::checkTwists(sections, event.getMessage()->twist);
+        if (const model::Twists* twists = admit(sender, checked)) aim_shape(sender, *twists);
+      });
+}
 
 void TargetAdmission::adopt() {
   const double timeout = scene_.safety.commander_timeout;

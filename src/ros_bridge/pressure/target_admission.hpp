@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <limits>
 #include <optional>
 #include <string>
@@ -13,6 +14,7 @@
 #include <ros/node_handle.h>
 
 #include "helix_arm/TargetStatus.h"
+#include "helix_arm/TipTarget.h"
 #include "helix_arm/control/commander_lease.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/io/scene.hpp"
@@ -54,12 +56,24 @@ struct NearestZone {
   std::optional<Eigen::Vector3d> clear_tip;  ///< if a target is blocked, the last one before [m]
 };
 
-/// Decides whose targets are taken, by their stamps and a lease, and publishes target_status: one
-/// answer per target. Counts them, and warns of those that are dropped or out of reach.
+/// Hears the targets of tip and shape, decides whose targets are taken, by their stamps and a
+/// lease, and publishes target_status: one answer per target. Counts them, and warns of those that
+/// are dropped or out of reach.
 class TargetAdmission {
  public:
+  /// Takes a target of tip_target or tip_target_pose.
+  using AimTip = std::function<void(const TargetSender& sender, const TipTarget& target)>;
+  /// Takes an admitted target of shape_target.
+  using AimShape = std::function<void(const TargetSender& sender, const model::Twists& twists)>;
+
   /// @param scene  Kept by reference: after a change, call adopt() before the next target.
-  TargetAdmission(ros::NodeHandle& node, const io::Scene& scene);
+  TargetAdmission(ros::NodeHandle& node, const io::Scene& scene, AimTip aim_tip,
+                  const AimShape& aim_shape);
+
+  /// A target from the interactive marker, whose stamp is not checked.
+  void takeFromHandle(const TipTarget& target) {
+    aim_tip_(TargetSender(target.header.stamp), target);
+  }
 
   /// Follows a change of the scene. Whoever holds the lease keeps it.
   void adopt();
@@ -98,6 +112,7 @@ class TargetAdmission {
             const char* consequence);
 
   const io::Scene& scene_;
+  const AimTip aim_tip_;
   control::CommanderLease lease_;
   std::uint64_t reached_ = 0;
   FaultCount unreachable_;
@@ -106,6 +121,7 @@ class TargetAdmission {
   NearestZone nearest_;
   bool news_ = false;  ///< a target was dropped or out of reach since the last status
   ros::Publisher publisher_;
+  ros::Subscriber tip_subscriber_, pose_subscriber_, shape_subscriber_;
 };
 
 }  // namespace helix_arm::ros_bridge

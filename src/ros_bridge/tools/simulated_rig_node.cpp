@@ -1,4 +1,5 @@
 #include <chrono>
+#include <future>
 
 #include <geometry_msgs/PoseStamped.h>
 #include <rosgraph_msgs/Clock.h>
@@ -100,7 +101,7 @@ class SimulatedRigNode : public Node {
       pressure_subscriber_ = listen(node_, names::kPressureMeasured, 10, &Self::onReading, this);
     }
     force_subscriber_ = listen(private_node_, names::kTipForce, 10, &Self::onTipForce, this);
-    loop_timer_ = repeat(node_, "the rig", 1.0 / options_.rate, &Self::onLoop, this);
+    loop_timer_ = repeat(node_, "the rig", 1.0 / options_.rate, [this] { turn(); });
     const bool seen = scene_.isSeen() && !scene_.hasBodies();
     if (scene_.hasBodies()) {
       const simulation::CameraSetup setup = scene_.cameraSetup().value();
@@ -127,11 +128,7 @@ class SimulatedRigNode : public Node {
   }
 
   ~SimulatedRigNode() override {
-    {
-      const basics::MutexLock lock(mutex_);
-      stop_ = true;
-    }
-    wake_.notifyAll();
+    stop_.set_value();
     photographer_.join();
   }
 
@@ -179,7 +176,7 @@ class SimulatedRigNode : public Node {
     });
   }
 
-  void onLoop(const ros::SteadyTimerEvent&) {
+  void turn() {
     const ros::SteadyTime now = ros::SteadyTime::now();
     double dt = (now - last_step_).toSec();
     last_step_ = now;
@@ -276,15 +273,10 @@ class SimulatedRigNode : public Node {
     const auto period = std::chrono::duration_cast<Clock::duration>(
         std::chrono::duration<double>(1.0 / options_.camera_rate));
     Clock::time_point due = Clock::now();
-    const auto stopped = [this] {
-      const basics::MutexLock lock(mutex_);
-      return stop_;
-    };
-    while (!stopped()) {
+    const std::future<void> stop = stop_.get_future();
+    while (stop.wait_until(due) == std::future_status::timeout) {
       publishPicture(camera, encoder);
       due = std::max(due + period, Clock::now());
-      basics::MutexLock lock(mutex_);
-      wake_.waitUntil(lock, due, [this]() HELIX_ARM_REQUIRES(mutex_) { return stop_; });
     }
   }
 
@@ -337,9 +329,8 @@ class SimulatedRigNode : public Node {
   std::vector<ros::Publisher> pose_publishers_;  ///< of each body
 
   basics::Mutex mutex_;
-  basics::Condition wake_;
-  bool stop_ HELIX_ARM_GUARDED_BY(mutex_) = false;
   std::optional<Moment> now_ HELIX_ARM_GUARDED_BY(mutex_);  ///< the last one
+  std::promise<void> stop_;                                 ///< of the pictures
   /// Renders, since a picture takes longer than a loop of the regulator.
   GuardedThread photographer_;
 };

@@ -1,12 +1,11 @@
 #include "observations.hpp"
 
-#include <Eigen/Eigenvalues>
-
 #include <opencv2/imgproc.hpp>
 
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/procedures/loop_config.hpp"
+#include "helix_arm/tracking/error_budget.hpp"
 #include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/names.hpp"
 
@@ -138,11 +137,9 @@ ModelError toMsg(const std_msgs::Header& header, const estimation::TwistFit& fit
   return msg;
 }
 
-// Largest standard deviation of the measured tip over all directions [m].
-double tipSigma(const estimation::TwistFit& fit) {
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(fit.tip_covariance,
-                                                              Eigen::EigenvaluesOnly);
-  return std::sqrt(std::max(0.0, solver.eigenvalues().maxCoeff()));
+// Standard deviation of the measured tip along its worst direction [m].
+double tipDeviation(const estimation::TwistFit& fit) {
+  return estimation::TipSpread{fit.tip_covariance}.deviation();
 }
 
 // `8 tags, 0.20 px, tip noise 0.5 mm`: summary of a measured shape. How well the tags are placed is
@@ -154,41 +151,34 @@ std::string summarise(const vision::Observation& observation, int tags) {
          (outliers > 0 ? " (" + std::to_string(outliers) + " off)" : "") + ", " +
          (of_bodies ? fixed(1e3 * observation.fit.rms, 2) + " mm"
                     : fixed(observation.fit.rms, 2) + " px") +
-         ", tip noise " + fixed(1e3 * tipSigma(observation.fit), of_bodies ? 2 : 1) + " mm";
-}
-
-std::string describeBodies(const vision::Observation& observation, int bodies,
-                           const estimation::TagLayout& layout) {
-  std::string out = "no shape of the arm fits the " + countText(bodies, true);
-  if (observation.state == vision::ObservationState::kMeasured) {
-    out = summarise(observation, bodies);
-  } else if (observation.state == vision::ObservationState::kNoTags) {
-    out = "no body of the arm is seen: check markers and the system's view";
-  } else if (observation.state == vision::ObservationState::kTooFewTags) {
-    out = countText(bodies, true) +
-          " do not determine the shape: check markers and the system's "
-          "view, or place more bodies";
-  } else if (observation.fault.empty()) {
-    out += ": check their places in the scene, motion_capture.frame, and their names";
-  }
-  return out + unseenBodies(observation, layout);
+         ", tip noise " + fixed(1e3 * tipDeviation(observation.fit), of_bodies ? 2 : 1) + " mm";
 }
 
 std::string describe(const vision::Observation& observation, int tags,
-                     const vision::LocalizerConfig& config) {
-  std::string out = "no shape of the arm fits the " + countText(tags, false) +
-                    " in sight: check their size and poses in the scene, and the camera's "
-                    "calibration";
-  if (observation.state == vision::ObservationState::kMeasured) {
+                     const estimation::TagLayout& layout, const vision::LocalizerConfig& config) {
+  using vision::ObservationState;
+  const bool of_bodies = layout.hasBodies();
+  const std::string count = countText(tags, of_bodies);
+  std::string out = "no shape of the arm fits the " + count;
+  if (observation.state == ObservationState::kMeasured) {
     out = summarise(observation, tags);
-  } else if (observation.state == vision::ObservationState::kNoTags) {
-    out = "no tag of the arm is in sight: check the view, the light, and the scene's tags.family";
-  } else if (observation.state == vision::ObservationState::kTooFewTags) {
-    out = countText(tags, false) + " in sight do not determine the shape; at least " +
-          std::to_string(config.min_tags) +
-          " are needed, on all sections: check occlusion and light";
+  } else if (observation.state == ObservationState::kNoTags) {
+    out = of_bodies ? "no body of the arm is seen: check markers and the system's view"
+                    : "no tag of the arm is in sight: check the view, the light, and the scene's "
+                      "tags.family";
+  } else if (observation.state == ObservationState::kTooFewTags) {
+    out = of_bodies ? count +
+                          " do not determine the shape: check markers and the system's view, or "
+                          "place more bodies"
+                    : count + " in sight do not determine the shape; at least " +
+                          std::to_string(config.min_tags) +
+                          " are needed, on all sections: check occlusion and light";
+  } else if (!of_bodies) {
+    out += " in sight: check their size and poses in the scene, and the camera's calibration";
+  } else if (observation.fault.empty()) {
+    out += ": check their places in the scene, motion_capture.frame, and their names";
   }
-  return out + unknownTags(observation);
+  return out + (of_bodies ? unseenBodies(observation, layout) : unknownTags(observation));
 }
 
 std::string uncalibratedTags(const estimation::TwistFit& fit, const estimation::TagLayout& layout) {
@@ -200,7 +190,7 @@ std::string uncalibratedTags(const estimation::TwistFit& fit, const estimation::
 }
 
 std::string tipText(const estimation::TwistFit& fit, const ModelError* error) {
-  if (error == nullptr) return "tip noise " + fixed(1e3 * tipSigma(fit)) + " mm";
+  if (error == nullptr) return "tip noise " + fixed(1e3 * tipDeviation(fit)) + " mm";
   return "model off by " + fixed(1e3 * error->tip_error) + " mm (" +
          fixed(error->tip_error_percent) + " %)";
 }
@@ -289,6 +279,13 @@ cv::Scalar colorOf(const TagDetection& tag) {
 constexpr std::uint8_t kStates[] = {VisionStatus::MEASURED, VisionStatus::NO_TAGS,
                                     VisionStatus::FEW_TAGS, VisionStatus::NO_FIT};
 
+// Name of a state of VisionStatus.
+const char* nameOfState(std::uint8_t state) {
+  static constexpr std::array<const char*, VisionStatus::ENDED + 1> kNames = {
+      "measured", "few_tags", "no_tags", "no_fit", "waiting", "stale", "camera_fault", "ended"};
+  return state < kNames.size() ? kNames[state] : "in an unknown state";
+}
+
 // By PictureFault.
 constexpr std::uint64_t VisionStatus::*kCounters[kPictureFaultCount] = {
     &VisionStatus::bad_jpeg,        &VisionStatus::wrong_encoding, &VisionStatus::wrong_size,
@@ -308,9 +305,7 @@ ObservationReport reportOf(const Measurement& measurement, const std::string& ba
 
   ObservationReport out;
   out.tags = tagsOfArm(observation);
-  out.account = measurement.view.layout.hasBodies()
-                    ? describeBodies(observation, out.tags, measurement.view.layout)
-                    : describe(observation, out.tags, measurement.config);
+  out.account = describe(observation, out.tags, measurement.view.layout, measurement.config);
   out.detections =
       toMsg(toHeaderMsg(measurement.stamp, camera_frame), observation, measurement.view.layout);
   if (!observation.poses.empty()) {

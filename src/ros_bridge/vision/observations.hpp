@@ -55,8 +55,6 @@ class ModelHistory {
     return secondsBetween(entries_.back().stamp, stamp);
   }
 
-  std::size_t size() const { return entries_.size(); }
-
   /// The nearest entry within kReach; the earlier of two equally near ones.
   std::optional<Entry> nearest(const ros::Time& stamp) const {
     const auto distance = [&](const Entry& entry) {

@@ -9,7 +9,6 @@
 #include <sensor_msgs/distortion_models.h>
 #include <sensor_msgs/image_encodings.h>
 
-#include "helix_arm/VisionStatus.h"
 #include "helix_arm/basics/quote.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -84,12 +83,6 @@ std::string faultOfMatrix(const sensor_msgs::CameraInfo& info, const estimation:
 }  // namespace
 
 const char* nameOf(PictureFault fault) { return kNames[static_cast<std::size_t>(fault)]; }
-
-const char* nameOfState(std::uint8_t state) {
-  static constexpr std::array<const char*, VisionStatus::ENDED + 1> kNames = {
-      "measured", "few_tags", "no_tags", "no_fit", "waiting", "stale", "camera_fault", "ended"};
-  return state < kNames.size() ? kNames[state] : "in an unknown state";
-}
 
 CheckedPicture<cv::Mat> fromMsg(const sensor_msgs::Image& image, cv::Mat& buffer) {
   const Encoding* encoding = find(image.encoding);

@@ -39,9 +39,6 @@ inline constexpr int kPictureFaultCount = 7;
 /// Name of a fault, as the fields of VisionStatus have it: `bad_jpeg`, `wrong_encoding`, ...
 const char* nameOf(PictureFault fault);
 
-/// Name of a state of VisionStatus: `measured`, `few_tags`, ...
-const char* nameOfState(std::uint8_t state);
-
 using PictureRefusal = basics::Refusal<PictureFault>;
 
 /// Content of a message, or why it was refused.
