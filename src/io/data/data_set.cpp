@@ -383,9 +383,8 @@ class TableReader {
              "; expected commas between the cells, and points in numbers");
       return false;
     }
-    if (std::all_of(cells.begin(), cells.end(), [](const std::string_view cell) {
-          return parseNumber(std::string(cell)).has_value();
-        })) {
+    if (std::all_of(cells.begin(), cells.end(),
+                    [](const std::string_view cell) { return parseNumber(cell).has_value(); })) {
       refuse(line, "holds numbers alone; expected a header of column names with their units first");
       return false;
     }
@@ -431,7 +430,7 @@ class TableReader {
     if (cells.size() != columns) {
       return complain(line, "has ", count, " cells; expected ", columns, ", one per column");
     }
-    const bool unseen = seen_ >= 0 && parseNumber(std::string(cells[seen_])) == 0.0;
+    const bool unseen = seen_ >= 0 && parseNumber(cells[seen_]) == 0.0;
     for (std::size_t i = 0; i < columns; ++i) {
       const bool none = uses_[i] == Use::kNone || (unseen && isAmong(data_.columns[i], kMeasured));
       const Cell read = none                         ? Cell(0.0)
@@ -459,8 +458,7 @@ class TableReader {
   Cell numberOf(std::string_view cell) {
     if (cell.empty()) return "is empty; expected a finite number";
     if (cell.size() > kLongestCell) return atMost(cell.size(), " characters", kLongestCell);
-    cell_.assign(cell);
-    const std::optional<double> number = parseNumber(cell_);
+    const std::optional<double> number = parseNumber(cell);
     if (!number) return "is not a finite number; expected one";
     if (std::abs(*number) <= kLargest) return *number;
     return "is too large; expected at most " + formatNumber(kLargest);
@@ -473,8 +471,7 @@ class TableReader {
   std::vector<double> cells_;                  // in row order, 0 where nothing is read
   std::map<std::string, std::size_t> trials_;  // by their names
   std::size_t rows_ = 0;
-  int seen_ = -1;  // column
-  std::string cell_;
+  int seen_ = -1;      // column
   bool full_ = false;  // the rest is not read
 };
 
