@@ -130,10 +130,7 @@ void fit(const cv::Size& size, int coefficients, Fit& out) {
   const cv::TermCriteria until(cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 200, 1e-12);
   cv::calibrateCamera(board, picture, size, out.K, out.D, rotations, translations,
                       flagsOf(coefficients), until);
-  cv::Mat all = cv::Mat::zeros(kCoefficients, 1, CV_64F);
-  const auto known = std::min<std::size_t>(kCoefficients, out.D.total());
-  std::copy_n(out.D.ptr<double>(), known, all.ptr<double>());
-  out.D = all;
+  out.D.resize(kCoefficients, 0.0);
   for (std::size_t i = 0; i < out.views.size(); ++i) {
     rotations[i].convertTo(out.views[i].rotation, CV_64F);
     translations[i].convertTo(out.views[i].translation, CV_64F);
