@@ -25,14 +25,6 @@ template <class Model, class Observe>
 std::optional<Eigen::MatrixXd> errorsOfFit(const PlacedView& placed, const model::Arm& arm,
                                            const model::Shape& shape, const std::vector<int>& tags,
                                            const Model& instrument, const Observe& observe) {
-  basics::requireValue(
-      shape.sectionCount() == placed.view.sections && shape.sectionCount() == arm.sectionCount(),
-      kCulprit, "the number of sections of the shape", shape.sectionCount(),
-      "that of the view and of the arm");
-  for (const int tag : tags) {
-    basics::requireValue(tag >= 0 && tag < static_cast<int>(placed.view.layout.tags.size()),
-                         kCulprit, "the index of a tag", tag, "one of the layout");
-  }
   TwistEquations equations(placed.view.layout, placed.view.sections, placed.fit);
   equations.expect(shape);
   FitPoint point;
@@ -88,7 +80,6 @@ PlacementDeviations::PlacementDeviations(const TagLayout& layout, const TagPrior
 
 void PlacedView::validate() const {
   view.validate();
-  fit.validate();
   basics::requireValue(deviations.tags.size() == view.layout.tags.size(), kCulprit,
                        "the number of tags with deviations", deviations.tags.size(),
                        "that of the layout");

@@ -163,11 +163,6 @@ struct PointJacobian {
       : v_by_v(by_v), v_by_w(by_w) {}
 };
 
-inline bool isFinite(const CornerObservation& seen) { return seen.direction.allFinite(); }
-inline bool isFinite(const PoseObservation& seen) {
-  return seen.X_BT.translation.allFinite() && seen.X_BT.rotation.allFinite();
-}
-
 // The robust least-squares problem of a twist fit: its cost and its normal equations.
 
 inline constexpr int kBaseParameters = 6;

@@ -6,7 +6,6 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
-#include <cstdint>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -50,12 +49,7 @@ constexpr double kConverged = 1e-5;
 // A cold search also starts at this angle on each side [rad], with at most kMostColdStarts starts.
 constexpr double kColdTurn = 1.5;
 constexpr int kMostColdStarts = 48;
-
-constexpr char kCulprit[] = "twist fit";
-
-void require(bool holds, const char* what, double value, const char* rule) {
-  basics::requireValue(holds, kCulprit, what, value, rule);
-}
+constexpr int kMostIterations = 50;
 
 }  // namespace
 
@@ -104,7 +98,7 @@ struct TwistFitter::Workspace {
     Eigen::LLT<NormalEquations::Matrix> factors;
     NormalEquations::Vector step;
     double damping = kFirstDamping;
-    while (result.iterations < options().max_iterations && damping < kMaxDamping) {
+    while (result.iterations < kMostIterations && damping < kMaxDamping) {
       ++result.iterations;
       NormalEquations::Matrix damped = system.hessian;
       damped.diagonal() += damping * system.hessian.diagonal().cwiseMax(kLeastInformation);
@@ -143,33 +137,6 @@ struct TwistFitter::Workspace {
 
   void startFrom(const model::Twists& twists) { equations.start(twists, at); }
 
-  void checkShape(const model::Shape& shape, const char* what) const {
-    require(shape.sectionCount() == sections(), what, static_cast<double>(shape.sectionCount()),
-            "as many as there are sections");
-    require(shape.pieces().allFinite(), what, std::nan(""), "finite ones");
-  }
-
-  void expect(const model::Shape& model) {
-    checkShape(model, "the number of the model's twists");
-    equations.expect(model);
-  }
-
-  template <class Observation>
-  void checkSeen(const std::vector<Observation>& seen) const {
-    std::uint64_t before = 0;  // one bit per tag; kMaxTags of them
-    for (const Observation& observation : seen) {
-      const int tag = observation.tag;
-      require(tag >= 0 && tag < static_cast<int>(layout().tags.size()), "the index of a tag", tag,
-              "one of the layout");
-      const std::uint64_t bit = std::uint64_t{1} << tag;
-      require((before & bit) == 0, "a tag that is seen twice", layout().tags[tag].id,
-              "each at most once");
-      before |= bit;
-      require(isFinite(observation), "a tag whose pose is not finite", layout().tags[tag].id,
-              "finite numbers");
-    }
-  }
-
   // If most tags have larger errors than expected, raises the expected error.
   template <class Model>
   void adaptToNoise(const Model& model, const std::vector<typename Model::Observation>& seen) {
@@ -183,9 +150,7 @@ struct TwistFitter::Workspace {
   template <class Model>
   const TwistFit& fit(const Model& model, const std::vector<typename Model::Observation>& seen,
                       const model::Shape& start, const model::Shape& of_model) {
-    checkSeen(seen);
-    checkShape(start, "the number of twists to start from");
-    expect(of_model);
+    equations.expect(of_model);
     startFrom(start.twists());
     run(model, seen, -1);
     adaptToNoise(model, seen);
@@ -202,8 +167,7 @@ struct TwistFitter::Workspace {
   template <class Model>
   const TwistFit& fitCold(const Model& model, const std::vector<typename Model::Observation>& seen,
                           const model::Shape& of_model) {
-    checkSeen(seen);
-    expect(of_model);
+    equations.expect(of_model);
     startFrom(equations.prior());
     run(model, seen, -1);
     best = result;
@@ -242,13 +206,8 @@ struct TwistFitter::Workspace {
   }
 };
 
-TwistFitter::TwistFitter(TagLayout layout, int sections, const TwistFitOptions& options) {
-  require(sections >= 1 && sections <= model::kMaxSections, "the number of sections", sections,
-          "1 to 16");
-  layout.validate(sections);
-  options.validate();
-  work_ = std::make_unique<Workspace>(std::move(layout), sections, options);
-}
+TwistFitter::TwistFitter(TagLayout layout, int sections, const TwistFitOptions& options)
+    : work_(std::make_unique<Workspace>(std::move(layout), sections, options)) {}
 TwistFitter::~TwistFitter() = default;
 TwistFitter::TwistFitter(TwistFitter&&) noexcept = default;
 TwistFitter& TwistFitter::operator=(TwistFitter&&) noexcept = default;
@@ -260,8 +219,8 @@ void TwistFitter::know(const RigEstimate& rig) {
   const bool finite = rig.mean.allFinite() && rig.covariance.allFinite();
   basics::require(
       finite && (Eigen::LDLT<RigEstimate::Matrix>(rig.covariance).vectorD().array() > 0).all(),
-      kCulprit,
-      ": what is known of base and bleed is no estimate; expected finite numbers and a covariance "
+      "twist fit: what is known of base and bleed is no estimate; expected finite numbers and a "
+      "covariance "
       "that is positive definite");
   work_->equations.know(rig);
 }
@@ -269,7 +228,6 @@ void TwistFitter::know(const RigEstimate& rig) {
 const TwistFit& TwistFitter::fit(const std::vector<CornerObservation>& seen, const lie::SE3& X_CB,
                                  double focal, const model::Shape& start,
                                  const model::Shape& model) {
-  basics::requirePositive(kCulprit, "the focal length [px]", focal);
   return work_->fit(CornerModel{X_CB, focal / work_->options().corner_noise, work_->options()},
                     seen, start, model);
 }
@@ -282,7 +240,6 @@ const TwistFit& TwistFitter::fit(const std::vector<PoseObservation>& seen,
 const TwistFit& TwistFitter::fitCold(const std::vector<CornerObservation>& seen,
                                      const lie::SE3& X_CB, double focal,
                                      const model::Shape& model) {
-  basics::requirePositive(kCulprit, "the focal length [px]", focal);
   return work_->fitCold(CornerModel{X_CB, focal / work_->options().corner_noise, work_->options()},
                         seen, model);
 }
@@ -290,20 +247,6 @@ const TwistFit& TwistFitter::fitCold(const std::vector<CornerObservation>& seen,
 const TwistFit& TwistFitter::fitCold(const std::vector<PoseObservation>& seen,
                                      const model::Shape& model) {
   return work_->fitCold(PoseModel{work_->options(), work_->layout()}, seen, model);
-}
-
-void TwistFitOptions::validate() const {
-  basics::requirePositive(kCulprit, {{"the noise of corners [px]", corner_noise},
-                                     {"the noise of tag positions [m]", position_noise}});
-  basics::requireNotNegative(kCulprit, "the noise of tag rotations [rad]", rotation_noise);
-  basics::requirePositive(kCulprit,
-                          {{"the robust scale", robust_scale},
-                           {"the model's prior of v [m]", model_prior.translation},
-                           {"the model's prior of w [rad]", model_prior.rotation},
-                           {"the prior of the base's position [m]", base_prior.translation},
-                           {"the prior of the base's rotation [rad]", base_prior.rotation},
-                           {"the prior of the bleed [m]", border_shift_prior}});
-  require(max_iterations >= 1, "the number of iterations", max_iterations, "at least 1");
 }
 
 RigEstimate::RigEstimate(const TwistFitOptions& options) {

@@ -19,7 +19,6 @@
 namespace helix_arm::simulation {
 namespace {
 
-constexpr char kSimulatedCamera[] = "simulated camera";  // subject of error messages
 constexpr double kFarOff = 2e4;  // limit of pixel coordinates that are drawn [px]
 
 // A number in [lower, upper) from a generator. It is the same on every machine, which the
@@ -329,7 +328,7 @@ class TagPainter {
     for (const CardPrint& print : prints) {
       const double least = std::min(*std::min_element(print.across.begin(), print.across.end()),
                                     *std::min_element(print.down.begin(), print.down.end()));
-      basics::requireValue(border_shift < 0.5 * least * print.unit, kSimulatedCamera,
+      basics::requireValue(border_shift < 0.5 * least * print.unit, "simulated camera",
                            "the bleed [m]", border_shift,
                            "less than half a cell of what is printed");
       cards_.push_back({TagPattern(print, border_shift / print.unit), print.unit,
@@ -481,28 +480,11 @@ struct Layer {
   int piece;
 };
 
-// Returns the view after checking all parts.
-const ArmView& checked(const ArmView& view, const ArmBody& body,
-                       const SimulatedCameraConfig& config) {
-  view.validate();
-  config.validate();
-  basics::requireValue(
-      body.radius.empty() || body.radius.size() == static_cast<std::size_t>(view.sections),
-      kSimulatedCamera, "the number of radii", static_cast<double>(body.radius.size()),
-      "one per section");
-  for (const double radius : body.radius) {
-    basics::requirePositive(kSimulatedCamera, "the arm's radius [m]", radius);
-  }
-  return view;
-}
-
 // Each tag with its white border; the unit is a cell.
 std::vector<CardPrint> printsOf(const estimation::TagLayout& layout,
                                 const vision::TagFamily& family) {
   std::vector<CardPrint> prints;
   for (const estimation::TagPlacement& tag : layout.tags) {
-    basics::requireValue(tag.id < family.count(), kSimulatedCamera, "the id of a tag", tag.id,
-                         "one that the family of the tags has");
     CardPrint print{family.cells(tag.id), {}, {}, layout.size / family.borderCells()};
     print.across.assign(static_cast<std::size_t>(print.cells.cols), 1.0);
     print.down.assign(static_cast<std::size_t>(print.cells.rows), 1.0);
@@ -522,23 +504,10 @@ std::vector<float> noiseTable(double deviation, std::uint32_t seed) {
 
 }  // namespace
 
-void SimulatedCameraConfig::validate() const {
-  basics::requireNotNegative(kSimulatedCamera, "the blur [px]", blur);
-  basics::requireNotNegative(kSimulatedCamera, "the noise [gray levels]", noise);
-  basics::requirePositive(kSimulatedCamera, "the exposure", exposure);
-  basics::requireNotNegative(kSimulatedCamera, "the bleed [m]", border_shift);
-  basics::requireValue(jpeg_quality >= 1 && jpeg_quality <= 100, kSimulatedCamera,
-                       "the JPEG quality", jpeg_quality, "1 to 100");
-  basics::requireValue(clutter >= 0, kSimulatedCamera, "the number of objects in the background",
-                       clutter, "a value >= 0");
-  basics::requireValue(occluders >= 0, kSimulatedCamera, "the number of occluders", occluders,
-                       "a value >= 0");
-}
-
 struct SimulatedCamera::Workspace {
   Workspace(const ArmView& view_in, const std::vector<CardPrint>& prints, const ArmBody& body_in,
             const SimulatedCameraConfig& config_in)
-      : view(checked(view_in, body_in, config_in)),
+      : view(view_in),
         body(body_in),
         config(config_in),
         tags(view.camera, prints, config.border_shift),
@@ -553,11 +522,6 @@ struct SimulatedCamera::Workspace {
   }
 
   const cv::Mat& render(const model::Shape& shape) {
-    basics::requireValue(shape.sectionCount() == view.sections, kSimulatedCamera,
-                         "the number of sections", shape.sectionCount(),
-                         "one per section of the arm in view");
-    basics::requireValue(shape.pieces().allFinite(), kSimulatedCamera, "a twist", "not finite",
-                         "finite twists");
     backdrop.copyTo(sharp);
     collectLayers(shape);
     for (const Layer& layer : layers) {
@@ -671,7 +635,7 @@ struct SimulatedCamera::Workspace {
 
 SimulatedCamera::SimulatedCamera(const ArmView& view, const vision::TagFamily& family,
                                  const ArmBody& body, const SimulatedCameraConfig& config)
-    : SimulatedCamera(view, printsOf(checked(view, body, config).layout, family), body, config) {}
+    : SimulatedCamera(view, printsOf(view.layout, family), body, config) {}
 SimulatedCamera::SimulatedCamera(const ArmView& view, const std::vector<CardPrint>& prints,
                                  const ArmBody& body, const SimulatedCameraConfig& config)
     : work_(std::make_unique<Workspace>(view, prints, body, config)) {}

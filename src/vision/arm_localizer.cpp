@@ -228,13 +228,8 @@ struct ArmLocalizer::Workspace {
   }
 };
 
-ArmLocalizer::ArmLocalizer(const estimation::ArmView& view, const LocalizerConfig& config) {
-  view.validate();
-  config.validate();
-  basics::require(view.layout.hasBodies() || config.min_tags >= 2, "the least number of tags is ",
-                  config.min_tags, "; expected at least 2: the pose of a single tag is ambiguous");
-  work_ = std::make_unique<Workspace>(view, config);
-}
+ArmLocalizer::ArmLocalizer(const estimation::ArmView& view, const LocalizerConfig& config)
+    : work_(std::make_unique<Workspace>(view, config)) {}
 ArmLocalizer::~ArmLocalizer() = default;
 ArmLocalizer::ArmLocalizer(ArmLocalizer&&) noexcept = default;
 ArmLocalizer& ArmLocalizer::operator=(ArmLocalizer&&) noexcept = default;
@@ -264,12 +259,6 @@ void ArmLocalizer::forget() {
 }
 
 const estimation::ArmView& ArmLocalizer::view() const { return work_->view; }
-
-void LocalizerConfig::validate() const {
-  detector.validate();
-  fit.validate();
-  basics::require(min_tags >= 1, "the least number of tags is ", min_tags, "; expected at least 1");
-}
 
 const char* nameOf(ObservationState state) {
   constexpr const char* kNames[] = {"measured", "no_tags", "too_few_tags", "no_fit"};

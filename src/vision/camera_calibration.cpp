@@ -354,17 +354,9 @@ std::optional<lie::SE3> startOfPlacement(const estimation::TagLayout& layout,
   return best;
 }
 
-void CameraCalibrationOptions::validate() const {
-  const bool known = coefficients == 0 || coefficients == 2 || coefficients == 4 ||
-                     coefficients == 5 || coefficients == 8;
-  basics::requireValue(known, "camera calibration", "the number of coefficients", coefficients,
-                       "0, 2, 4, 5 or 8");
-}
-
 CameraCalibration calibrateCamera(const BoardParts& parts, const cv::Size& size,
                                   const std::vector<BoardObservation>& observations,
                                   const CameraCalibrationOptions& options) {
-  options.validate();
   CameraCalibration out;
   Fit best;
   for (std::size_t i = 0; i < observations.size(); ++i) {

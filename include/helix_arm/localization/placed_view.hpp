@@ -41,7 +41,6 @@ struct PlacedView {
 /// @param shape  the arm's, seen from the base.
 /// @param tags   indices of the fitted tags, each once.
 /// @return nothing if a corner is behind the camera.
-/// @throws std::invalid_argument if there is no such tag or `shape` has other sections than `arm`.
 std::optional<Eigen::MatrixXd> placementCovariance(const PlacedView& placed, const model::Arm& arm,
                                                    const model::Shape& shape,
                                                    const std::vector<int>& tags);

@@ -132,9 +132,6 @@ struct CameraCalibrationOptions {
   static constexpr int kLeastViews = 5;
   /// Largest standard error of a focal length that counts as determined, relative to it.
   static constexpr double kMostFocalError = 0.02;
-
-  /// @throws std::invalid_argument naming the value and its rule.
-  void validate() const;
 };
 
 /// One intrinsic parameter.
@@ -182,7 +179,6 @@ struct CameraCalibration {
 /// scales the distances.
 /// @param parts   of the board.
 /// @param observations  pictures of the board, all of this size.
-/// @throws std::invalid_argument on options that break their rules.
 CameraCalibration calibrateCamera(const BoardParts& parts, const cv::Size& size,
                                   const std::vector<BoardObservation>& observations,
                                   const CameraCalibrationOptions& options = {});

@@ -5,7 +5,6 @@
 #include <array>
 #include <cmath>
 #include <sstream>
-#include <utility>
 
 #include "helix_arm/basics/pi.hpp"
 #include "helix_arm/basics/quote.hpp"

@@ -1,6 +1,5 @@
 // The keys keep_out and clearance_m, the body of a tool, and STL files.
 #include <Eigen/Geometry>
-#include <cmath>
 #include <cstdint>
 #include <cstring>
 #include <map>
