@@ -62,8 +62,6 @@ void freeImage(image_u8_t* image) {
 }
 
 constexpr int kMaxDecimate = 32;
-constexpr int kMaxThreads = 64;
-constexpr double kMaxSigma = 10.0;             // [px]; its kernel has 8 bits per weight
 constexpr double kMaxTableBytes = 2147483648;  // memory for wrong bits
 constexpr int kTile = 4;                       // of libapriltag's threshold [px]
 
@@ -121,12 +119,6 @@ void DetectorConfig::validate() const {
                                    quad_decimate == std::floor(quad_decimate)),
           "quad_decimate is ", quad_decimate, "; expected 1, 1.5 or a whole number up to ",
           kMaxDecimate);
-  require(std::abs(quad_sigma) <= kMaxSigma, "quad_sigma is ", quad_sigma, "; expected ",
-          -kMaxSigma, " to ", kMaxSigma, " px");
-  require(threads >= 1 && threads <= kMaxThreads, "threads is ", threads, "; expected 1 to ",
-          kMaxThreads);
-  require(max_hamming >= 0 && max_hamming <= 3, "max_hamming is ", max_hamming,
-          "; expected 0 to 3");
   require(2 * max_hamming < of.distance(), "max_hamming is ", max_hamming, "; tags of ", family,
           " differ in ", of.distance(), " bits, so that no more than ", (of.distance() - 1) / 2,
           " can be corrected");

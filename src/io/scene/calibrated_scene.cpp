@@ -230,11 +230,7 @@ void putK_eps(const Scene& scene, double K_eps, const model::StiffnessTable& tab
   }
 }
 
-// @param what  name of the factors in messages.
-void putScales(const Scene& scene, const char* key, const char* what,
-               const Eigen::VectorXd& factors, Value& document) {
-  basics::requireValue(factors.size() == scene.arm.actuatorCount(), "calibratedSceneText", what,
-                       factors.size(), scene.arm.actuatorCount());
+void putScales(const char* key, const Eigen::VectorXd& factors, Value& document) {
   for (const ActuatorEntry& entry : actuatorEntries(document)) {
     Eigen::VectorXd scales = factors.segment(entry.first, entry.count);
     if (const Value* given = entry.keys->find(key)) {
@@ -311,12 +307,10 @@ void putMotionCapture(const MotionCapture& found, Value& document) {
   }
 }
 
-void putCamera(const Scene& scene, const lie::SE3& X_CB, Value& document) {
-  basics::require(scene.camera.has_value(), "calibratedSceneText: the base is seen from a camera, ",
-                  "but scene ", scene.name, " has none; expected one with a camera");
-  lie::SE3 X_WC = scene.X_WB * X_CB.inverse();
+// The pose of a camera's optical frame.
+void putCamera(lie::SE3 X_WC, Value& camera) {
   X_WC.rotation *= kOpticalInBody.transpose();
-  putPose(X_WC, *findValue(document, "camera"));
+  putPose(X_WC, camera);
 }
 
 // The frame in which the poses of a group are given, relative to that of the base curve.
@@ -359,19 +353,11 @@ Value groupOf(const Scene& scene, const Value& mounted, const estimation::TagPla
   return group;
 }
 
-Value& tagsOf(const Scene& scene, Value& document) {
-  basics::require(scene.tags.has_value(), "calibratedSceneText: tags are calibrated, but scene ",
-                  scene.name, " has none; expected one with tags");
-  return *findValue(document, "tags");
-}
-
 void putTags(const Scene& scene, const estimation::TagLayout& layout, Value& document) {
-  if (scene.tags && scene.tags->hasBodies()) {
+  if (scene.hasBodies()) {
     return putBodies(scene, layout, *findValue(document, "bodies"));
   }
-  Value& groups = *findValue(tagsOf(scene, document), "groups");
-  basics::requireValue(layout.tags.size() == scene.tags->tags.size(), "calibratedSceneText",
-                       "the number of tags", layout.tags.size(), scene.tags->tags.size());
+  Value& groups = *findValue(*findValue(document, "tags"), "groups");
   std::vector<Value> placed;
   std::size_t next = 0;
   for (const Value::Entry& entry : groups.entries) {
@@ -395,10 +381,9 @@ void putTags(const Scene& scene, const estimation::TagLayout& layout, Value& doc
   groups = listValue(placed);
 }
 
-void putMode(const estimation::Mode& mode, Value& document) {
-  Value& follow = mapIn(document, "follow");
-  setValue(follow, "mode_hz", numberValue(mode.frequency));
-  setValue(follow, "mode_damping", numberValue(mode.damping));
+void putMode(estimation::Mode mode, Value& document) {
+  writeKeys({{"mode_hz", kPositive, mode.frequency}, {"mode_damping", kPositive, mode.damping}},
+            mapIn(document, "follow"));
 }
 
 void putMass(double factor, Value& document) {
@@ -413,13 +398,8 @@ void putMass(double factor, Value& document) {
   }
 }
 
-void putDamping(const dynamics::StrainTimes& damping, Value& document) {
-  Value times = mapOf({});
-  setValue(times, "stretch", numberValue(damping.stretch));
-  setValue(times, "shear", numberValue(damping.shear));
-  setValue(times, "twist", numberValue(damping.twist));
-  setValue(times, "bend", numberValue(damping.bend));
-  setValue(mapIn(document, "dynamics"), "damping_s", std::move(times));
+void putDamping(dynamics::StrainTimes damping, Value& document) {
+  setValue(mapIn(document, "dynamics"), "damping_s", mapOf(dampingKeys(damping)));
 }
 
 // Applies the changes to the document of a scene: scales last, since they are of the new curves.
@@ -430,10 +410,7 @@ void putCalibration(const Scene& scene, const SceneCalibration& changes, Value& 
   }
   if (changes.stiffness) putStiffness(*changes.stiffness, changes.bending, document);
   if (changes.K_eps) putK_eps(scene, *changes.K_eps, changes.K_eps_table, document);
-  if (changes.length_scale) {
-    putScales(scene, kLengthScaleKey, "the number of length scales", *changes.length_scale,
-              document);
-  }
+  if (changes.length_scale) putScales(kLengthScaleKey, *changes.length_scale, document);
   if (changes.ring_radius || changes.ring_phase) putRings(changes, document);
   for (const auto& [name, response] : changes.responses) {
     putResponse(scene, name, response, document);
@@ -441,16 +418,18 @@ void putCalibration(const Scene& scene, const SceneCalibration& changes, Value& 
   if (changes.mode) putMode(*changes.mode, document);
   if (changes.mass_factor) putMass(*changes.mass_factor, document);
   if (changes.damping) putDamping(*changes.damping, document);
-  if (changes.X_CB) putCamera(scene, *changes.X_CB, document);
-  if (changes.X_BF) setValue(tagsOf(scene, document), "frame", poseValue(*changes.X_BF));
+  if (changes.X_CB) {
+    putCamera(scene.X_WB * changes.X_CB->inverse(), *findValue(document, "camera"));
+  }
+  if (changes.X_BF) setValue(mapIn(document, "tags"), "frame", poseValue(*changes.X_BF));
   putMotionCapture(changes.motion_capture, document);
   if (changes.tags) putTags(scene, *changes.tags, document);
   for (const auto& [parameter, values] : changes.numbers) {
     if (parameter == estimation::FitParameter::kStrokeScaleEach) {
-      putScales(scene, kStrokeScaleKey, "the number of stroke scales", values, document);
+      putScales(kStrokeScaleKey, values, document);
     }
     if (parameter == estimation::FitParameter::kBorderShift && values[0] != 0) {
-      setValue(tagsOf(scene, document), "size_m", numberValue(scene.tags->size - 2 * values[0]));
+      setValue(mapIn(document, "tags"), "size_m", numberValue(scene.tags->size - 2 * values[0]));
     }
   }
   setValue(document, "calibration", writeProvenance(changes.provenance));
@@ -640,9 +619,7 @@ std::string sceneTextWithCamera(const std::string& path, const std::vector<Overr
   Value& camera = *findValue(document, "camera");
   if (change.intrinsics) putIntrinsics(*change.intrinsics, camera);
   if (change.X_WC) {
-    lie::SE3 X_WC = *change.X_WC;
-    X_WC.rotation *= kOpticalInBody.transpose();
-    putPose(X_WC, camera);
+    putCamera(*change.X_WC, camera);
     forgetBase(document);
   }
   return checkedText("# The camera of this scene was calibrated or placed by helix_arm camera.\n",
@@ -656,7 +633,7 @@ std::string sceneTextWithRig(const std::string& path, const std::vector<Override
   Value document = readSceneDocument(path, overrides, faults).document;
   const Scene scene = makeScene(document, faults);
   if (tags) {
-    setValue(tagsOf(scene, document), "size_m", numberValue(tags->size));
+    setValue(mapIn(document, "tags"), "size_m", numberValue(tags->size));
     putTags(scene, *tags, document);
   }
   if (!channels.empty()) putChannels(scene, channels, document);

@@ -169,6 +169,8 @@ std::optional<clearance::KeepOut> readKeepOut(const MapReader& scene, const ArmP
 /// The meshes that a scene names by paths relative to its folder.
 std::vector<Value*> relativeMeshes(Value& scene);
 
+/// The rows of `dynamics.damping_s`.
+std::vector<Key> dampingKeys(dynamics::StrainTimes& damping);
 /// Reads `dynamics`.
 dynamics::MotionConfig readDynamics(const MapReader& scene);
 

@@ -121,13 +121,7 @@ std::vector<Key> visionKeys(vision::LocalizerConfig& config, int least_tags) {
 }
 
 std::vector<Key> motionKeys(dynamics::MotionConfig& config) {
-  constexpr NumberRule kDamping = within(kNotNegative, 0, 1e3, " s");
-  dynamics::StrainTimes& damping = config.damping;
-  return {{"damping_s",
-           {{"stretch", kDamping, damping.stretch},
-            {"shear", kDamping, damping.shear},
-            {"twist", kDamping, damping.twist},
-            {"bend", kDamping, damping.bend}}},
+  return {{"damping_s", dampingKeys(config.damping)},
           {"inertia_radius_m", kLength, config.inertia_radius},
           {"step_s", within(kPositive, 1e-6, 0.1, " s"), config.step}};
 }
@@ -236,6 +230,14 @@ double setVibration(const dynamics::Vibration& vibration, follow::VisualServoCon
 }
 
 }  // namespace
+
+std::vector<Key> dampingKeys(dynamics::StrainTimes& damping) {
+  constexpr NumberRule kDamping = within(kNotNegative, 0, 1e3, " s");
+  return {{"stretch", kDamping, damping.stretch},
+          {"shear", kDamping, damping.shear},
+          {"twist", kDamping, damping.twist},
+          {"bend", kDamping, damping.bend}};
+}
 
 std::optional<CameraConfig> readCamera(const MapReader& scene) {
   CameraConfig camera;
