@@ -3,13 +3,11 @@
 #include <Eigen/Cholesky>
 #include <cmath>
 
-#include "helix_arm/basics/requirement.hpp"
 #include "twist_equations.hpp"
 
 namespace helix_arm::estimation {
 namespace {
 
-constexpr char kCulprit[] = "placed view";
 // Factor on priors that are to say hardly anything.
 constexpr double kWide = 30.0;
 
@@ -76,20 +74,6 @@ PlacementDeviations::PlacementDeviations(const TagLayout& layout, const TagPrior
   if (const int base_tag = layout.baseTag(); base_tag >= 0) {
     tags[static_cast<std::size_t>(base_tag)].setZero();
   }
-}
-
-void PlacedView::validate() const {
-  view.validate();
-  basics::requireValue(deviations.tags.size() == view.layout.tags.size(), kCulprit,
-                       "the number of tags with deviations", deviations.tags.size(),
-                       "that of the layout");
-  const auto check = [](const lie::Vector6& given) {
-    for (const double value : given) {
-      basics::requireNotNegative(kCulprit, "a placement's deviation [m, rad]", value);
-    }
-  };
-  for (const lie::Vector6& tag : deviations.tags) check(tag);
-  check(deviations.base);
 }
 
 std::optional<Eigen::MatrixXd> placementCovariance(const PlacedView& placed, const model::Arm& arm,

@@ -119,23 +119,17 @@ struct TwistFitter::Workspace {
         damping = std::max(damping * kDampingRise, kFirstDamping);
       }
     }
-    report();
-    trial.gradient.setZero(system.gradient.size());
-    trial.hessian.setZero(system.gradient.size(), system.gradient.size());
-    equations.addPriors<Model>(at, trial);
-    reportStatistics(equations, at, system.hessian, trial.hessian, result);
-  }
-
-  void report() {
     result.twists = at.twists;
     result.shape = at.shape;
     result.X_B0B = at.X_B0B;
     result.border_shift = at.border_shift;
     result.cost = at.cost;
     result.tags = at.residuals;
+    trial.gradient.setZero(system.gradient.size());
+    trial.hessian.setZero(system.gradient.size(), system.gradient.size());
+    equations.addPriors<Model>(at, trial);
+    reportStatistics(equations, at, system.hessian, trial.hessian, result);
   }
-
-  void startFrom(const model::Twists& twists) { equations.start(twists, at); }
 
   // If most tags have larger errors than expected, raises the expected error.
   template <class Model>
@@ -151,7 +145,7 @@ struct TwistFitter::Workspace {
   const TwistFit& fit(const Model& model, const std::vector<typename Model::Observation>& seen,
                       const model::Shape& start, const model::Shape& of_model) {
     equations.expect(of_model);
-    startFrom(start.twists());
+    equations.start(start.twists(), at);
     run(model, seen, -1);
     adaptToNoise(model, seen);
     return result;
@@ -168,17 +162,17 @@ struct TwistFitter::Workspace {
   const TwistFit& fitCold(const Model& model, const std::vector<typename Model::Observation>& seen,
                           const model::Shape& of_model) {
     equations.expect(of_model);
-    startFrom(equations.prior());
+    equations.start(equations.prior(), at);
     run(model, seen, -1);
     best = result;
     int starts_left = kMostColdStarts;
     const auto refine = [&](const model::Twists& from, int skipped) {
       if (--starts_left < 0) return;
-      startFrom(from);
+      equations.start(from, at);
       run(model, seen, skipped);
       if (skipped >= 0) {
         if (result.status == FitStatus::kNotConverged || result.tags.empty()) return;
-        startFrom(result.twists);
+        equations.start(result.twists, at);
         run(model, seen, -1);
       }
       keepBetter();
@@ -195,7 +189,7 @@ struct TwistFitter::Workspace {
     for (int i = 0; i < static_cast<int>(seen.size()); ++i) refine(equations.prior(), i);
     // Repeats the best one, so that the workspace holds its result.
     if (!best.tags.empty()) {
-      startFrom(best.twists);
+      equations.start(best.twists, at);
       at.X_B0B = best.X_B0B;
       at.base_offset = at.X_B0B.log();
       at.border_shift = best.border_shift;

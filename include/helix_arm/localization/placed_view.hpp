@@ -28,7 +28,7 @@ struct PlacedView {
   PlacementDeviations deviations;
 
   /// @throws std::invalid_argument naming the value and its rule.
-  void validate() const;
+  void validate() const { view.validate(); }
 };
 
 /// Covariance (6 sections x 6 sections) [m, rad] of the errors of fitted mean twists that errors of

@@ -95,10 +95,6 @@ void takeErrors(const Provenance& calibration, const estimation::TagPrior& prior
   }
 }
 
-}  // namespace
-
-namespace {
-
 constexpr double kTypicalInput = 0.3;  // part of the limits
 
 // The slowest vibration of the arm at typical pressures, where masses and damping tell it.
