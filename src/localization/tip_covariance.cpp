@@ -35,7 +35,7 @@ Eigen::Matrix3d tipCovarianceOf(const lie::SE3& X_B0B, const model::Shape& shape
   J.setZero();
   lie::SE3 X_B0j = X_B0B;
   for (int k = 0; k < sections; ++k) {
-    PointJacobian jacobian = PointJacobian::none();
+    PointJacobian jacobian;
     for (int j = k * per_section; j < (k + 1) * per_section; ++j) {
       jacobian += PointJacobian(X_B0j, shape.pieces().col(j), 1.0);
       X_B0j = shape.beyond(X_B0j, j);

@@ -2,9 +2,6 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
-#include <algorithm>
-#include <cmath>
-#include <limits>
 
 namespace helix_arm::estimation {
 namespace {

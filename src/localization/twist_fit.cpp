@@ -1,14 +1,12 @@
 #include "helix_arm/localization/twist_fit.hpp"
 
 #include <Eigen/Cholesky>
-#include <Eigen/Core>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
 #include <optional>
 #include <utility>
-#include <vector>
 
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/model/curve.hpp"

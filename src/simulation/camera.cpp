@@ -10,7 +10,6 @@
 #include <random>
 #include <utility>
 
-#include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include "helix_arm/basics/requirement.hpp"

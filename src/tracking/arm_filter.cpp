@@ -1,17 +1,11 @@
 #include "helix_arm/tracking/arm_filter.hpp"
 
 #include <Eigen/Cholesky>
-#include <Eigen/Core>
 #include <array>
 #include <cmath>
-#include <memory>
-#include <optional>
-#include <string>
 #include <utility>
-#include <vector>
 
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/statics/correction.hpp"
 #include "helix_arm/tracking/mode_estimator.hpp"
 
 namespace helix_arm::estimation {

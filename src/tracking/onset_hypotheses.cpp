@@ -1,18 +1,15 @@
 #include "helix_arm/tracking/onset_hypotheses.hpp"
 
 #include <Eigen/Cholesky>
-#include <Eigen/Core>
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <optional>
 #include <vector>
 
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/localization/gaussian.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/tracking/arm_filter.hpp"
 #include "helix_arm/tracking/error_budget.hpp"
 
 namespace helix_arm::estimation {

@@ -3,7 +3,6 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
-#include <optional>
 #include <type_traits>
 
 #include "helix_arm/model/curve.hpp"

@@ -288,14 +288,6 @@ std::string Value::describe() const {
   return "empty";
 }
 
-void report(FaultList& faults, const Place& place, const std::string& fault) {
-  if (place.override_key) {
-    faults.add(0, "--set " + *place.override_key + ": " + fault);
-  } else {
-    faults.add(place.line, fault);
-  }
-}
-
 std::string joinPath(const std::string& parent, const std::string& key) {
   if (parent.empty() || key.empty()) return parent + key;
   return parent + "." + key;

@@ -2,14 +2,11 @@
 #include <Eigen/Geometry>
 #include <cstdint>
 #include <cstring>
-#include <map>
-#include <set>
 #include <sstream>
 #include <tuple>
 
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/regular_file.hpp"
-#include "io/document/map_reader.hpp"
 #include "scene_readers.hpp"
 
 namespace helix_arm::io {

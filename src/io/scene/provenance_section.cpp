@@ -1,7 +1,6 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <limits>
-#include <map>
 
 #include "scene_readers.hpp"
 

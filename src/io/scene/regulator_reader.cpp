@@ -5,7 +5,6 @@
 #include <iterator>
 #include <limits>
 #include <numeric>
-#include <set>
 #include <stdexcept>
 
 #include "helix_arm/basics/quote.hpp"

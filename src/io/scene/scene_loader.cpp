@@ -5,7 +5,6 @@
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/dynamics/arm_motion.hpp"
 #include "helix_arm/io/atomic_file.hpp"
-#include "helix_arm/io/scene.hpp"
 #include "helix_arm/simulation/rig.hpp"
 #include "helix_arm/statics/loaded.hpp"
 #include "scene_readers.hpp"
