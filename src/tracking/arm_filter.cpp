@@ -452,13 +452,6 @@ void ArmFilter::reset() { work_->start(); }
 void ArmFilter::forgetTime() { work_->last_time.reset(); }
 
 void ArmFilter::setState(const Gaussian& state) {
-  const Eigen::Index size = work_->scale.size();
-  basics::requireValue(state.mean.size() == size && state.covariance.rows() == size &&
-                           state.covariance.cols() == size,
-                       kCulprit, "the size of a state", state.mean.size(),
-                       "one entry per parameter and per measured entry of the twists");
-  basics::require(state.mean.allFinite() && state.covariance.allFinite(), kCulprit,
-                  ": a state is not finite");
   work_->state = work_->withinReason(state);
   work_->followCorrection();
 }

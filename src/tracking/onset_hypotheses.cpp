@@ -100,11 +100,6 @@ struct OnsetState : Gaussian {
     return {step.measured - step.model.twists - H * from, H, step.noise};
   }
 
-  /// Covariance (d x d) of a picture's innovation.
-  Eigen::MatrixXd spread(const Measurement& measurement) const {
-    return measurement.H * covariance * measurement.H.transpose() + measurement.noise;
-  }
-
   Eigen::Vector3d force() const { return mean.tail<3>(); }  // [N]
   Eigen::Matrix3d forceCovariance() const { return covariance.bottomRightCorner<3, 3>(); }
 
@@ -359,7 +354,8 @@ struct OnsetHypotheses::Workspace {
     expected.reshaped()(rows) -= picture.innovation;
     const int size = 6 * measured.sectionCount();
     Eigen::MatrixXd covariance = Eigen::MatrixXd::Zero(size, size);
-    covariance(rows, rows) = memory.state.spread(picture);
+    covariance(rows, rows) =
+        picture.H * memory.state.covariance * picture.H.transpose() + picture.noise;
     const Eigen::Vector3d error =
         model::tipPose(measured).translation - model::tipPose(measured.about(expected)).translation;
     const TipDistance distance = tipDistance(error, tipCovariance(measured, covariance));

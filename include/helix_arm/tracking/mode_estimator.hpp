@@ -65,7 +65,6 @@ class ModeEstimator {
  private:
   void restart(const Eigen::VectorXd& pressure);
   void step(const Eigen::VectorXd& pressure, double dt);
-  void judge();
   void findPossible(double dt);
   void choose();
 

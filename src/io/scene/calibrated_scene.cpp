@@ -381,11 +381,6 @@ void putTags(const Scene& scene, const estimation::TagLayout& layout, Value& doc
   groups = listValue(placed);
 }
 
-void putMode(estimation::Mode mode, Value& document) {
-  writeKeys({{"mode_hz", kPositive, mode.frequency}, {"mode_damping", kPositive, mode.damping}},
-            mapIn(document, "follow"));
-}
-
 void putMass(double factor, Value& document) {
   Value& mass = *findValue(*findValue(document, "load"), "mass_kg");
   const auto scaled = [factor](const Value& one) {
@@ -396,10 +391,6 @@ void putMass(double factor, Value& document) {
   } else {
     for (Value::Entry& one : mass.entries) one.value = scaled(one.value);
   }
-}
-
-void putDamping(dynamics::StrainTimes damping, Value& document) {
-  setValue(mapIn(document, "dynamics"), "damping_s", mapOf(dampingKeys(damping)));
 }
 
 // Applies the changes to the document of a scene: scales last, since they are of the new curves.
@@ -415,9 +406,14 @@ void putCalibration(const Scene& scene, const SceneCalibration& changes, Value& 
   for (const auto& [name, response] : changes.responses) {
     putResponse(scene, name, response, document);
   }
-  if (changes.mode) putMode(*changes.mode, document);
+  if (auto mode = changes.mode) {
+    writeKeys({{"mode_hz", kPositive, mode->frequency}, {"mode_damping", kPositive, mode->damping}},
+              mapIn(document, "follow"));
+  }
   if (changes.mass_factor) putMass(*changes.mass_factor, document);
-  if (changes.damping) putDamping(*changes.damping, document);
+  if (auto damping = changes.damping) {
+    setValue(mapIn(document, "dynamics"), "damping_s", mapOf(dampingKeys(*damping)));
+  }
   if (changes.X_CB) {
     putCamera(scene.X_WB * changes.X_CB->inverse(), *findValue(document, "camera"));
   }
