@@ -60,17 +60,7 @@ struct TwistFitter::Workspace {
 
   Workspace(TagLayout tags, int section_count, const TwistFitOptions& fit_options)
       : equations(std::move(tags), section_count, fit_options) {
-    const std::size_t count = layout().tags.size();
-    errors.reserve(count);
-    for (FitPoint* point : {&at, &next}) {
-      point->residuals.reserve(count);
-      point->squares.reserve(count);
-      point->counts.reserve(count);
-    }
-    for (TwistFit* fit : {&result, &best}) {
-      fit->tags.reserve(count);
-      fit->covariance.setZero(6 * sections(), 6 * sections());
-    }
+    result.covariance.setZero(6 * sections(), 6 * sections());
   }
 
   const TagLayout& layout() const { return equations.layout(); }

@@ -29,17 +29,16 @@ double uniform(Generator& generator, double lower, double upper) {
 }
 
 constexpr int kFractionBits = 4;  // of OpenCV's fixed-point coordinates
-constexpr int kMostCorners = 8;
 
-// Fills a polygon, its corners in pixels, with smooth edges.
-void fillPolygon(cv::Mat& picture, const cv::Point2d* corners, int count, double gray) {
-  cv::Point fixed[kMostCorners];
+// Fills a quadrangle, its corners in pixels, with smooth edges.
+void fillQuadrangle(cv::Mat& picture, const cv::Point2d (&corners)[4], double gray) {
+  cv::Point fixed[4];
   const double scale = 1 << kFractionBits;
-  for (int i = 0; i < count; ++i) {
+  for (int i = 0; i < 4; ++i) {
     fixed[i] = {static_cast<int>(std::lround(corners[i].x * scale)),
                 static_cast<int>(std::lround(corners[i].y * scale))};
   }
-  cv::fillConvexPoly(picture, fixed, count, cv::Scalar(gray), cv::LINE_AA, kFractionBits);
+  cv::fillConvexPoly(picture, fixed, 4, cv::Scalar(gray), cv::LINE_AA, kFractionBits);
 }
 
 // A frame in the picture for drawing.
@@ -57,7 +56,7 @@ void fillBox(cv::Mat& picture, const Place& place, double x, double y, double ha
   const cv::Point2d corners[] = {
       place.at(x - half_width, y - half_height), place.at(x + half_width, y - half_height),
       place.at(x + half_width, y + half_height), place.at(x - half_width, y + half_height)};
-  fillPolygon(picture, corners, 4, gray);
+  fillQuadrangle(picture, corners, gray);
 }
 
 // Looks like the border of a tag; its four-fold symmetry is one that no tag of any family has.
@@ -493,11 +492,13 @@ std::vector<CardPrint> printsOf(const estimation::TagLayout& layout,
 }
 
 // Includes 0.5, so that truncation becomes rounding.
-std::vector<float> noiseTable(double deviation, std::uint32_t seed) {
+std::vector<float> noiseTable(double deviation, std::uint32_t seed, int width) {
   std::mt19937 generator(seed);
   std::normal_distribution<double> normal;
   std::vector<float> table(kNoiseTable);
   for (float& value : table) value = static_cast<float>(0.5 + deviation * normal(generator));
+  // A row may begin anywhere in the table.
+  for (int x = 0; x < width; ++x) table.push_back(table[x]);
   return table;
 }
 
@@ -514,9 +515,7 @@ struct SimulatedCamera::Workspace {
     for (int i = 0; i < config.occluders; ++i) occluders.emplace_back(generator);
     const estimation::Camera& camera = view.camera;
     backdrop = paintBackdrop(camera.width, camera.height, config.clutter, config.seed);
-    noise = noiseTable(config.noise, config.seed);
-    noise.resize(kNoiseTable + camera.width);  // a row may begin anywhere in the table
-    for (int x = 0; x < camera.width; ++x) noise[kNoiseTable + x] = noise[x % kNoiseTable];
+    noise = noiseTable(config.noise, config.seed, camera.width);
     picture.create(camera.height, camera.width, CV_8UC1);
   }
 
@@ -593,7 +592,7 @@ struct SimulatedCamera::Workspace {
       const cv::Point2d corners[] = {
           from.pixel + band.left * across_from, from.pixel + band.right * across_from,
           to.pixel + band.right * across_to, to.pixel + band.left * across_to};
-      fillPolygon(sharp, corners, 4, tone * band.gray);
+      fillQuadrangle(sharp, corners, tone * band.gray);
     }
   }
 

@@ -153,16 +153,12 @@ Linearised linearise(const Fit& fit, const View& view) {
   cv::Mat jacobian;  // by rotation, translation, focal lengths, principal point, distortion
   cv::projectPoints(board, view.rotation, view.translation, fit.K, fit.D, projected, jacobian);
   const auto rows = static_cast<Eigen::Index>(2 * projected.size());
-  Linearised out{Eigen::VectorXd(rows), Eigen::MatrixXd(rows, kIntrinsics),
-                 Eigen::MatrixXd(rows, kPose)};
-  for (Eigen::Index row = 0; row < rows; ++row) {
-    const auto point = static_cast<std::size_t>(row / 2);
-    const double offset = row % 2 == 0 ? projected[point].x - view.picture[point].x
-                                       : projected[point].y - view.picture[point].y;
-    out.residual[row] = offset;
-    const double* const from = jacobian.ptr<double>(static_cast<int>(row));
-    out.by_pose.row(row) = Eigen::RowVectorXd::Map(from, kPose);
-    out.by_intrinsics.row(row) = Eigen::RowVectorXd::Map(from + kPose, kIntrinsics);
+  using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  const Eigen::Map<const Rows> J(jacobian.ptr<double>(), rows, jacobian.cols);
+  Linearised out{Eigen::VectorXd(rows), J.middleCols(kPose, kIntrinsics), J.leftCols(kPose)};
+  for (std::size_t i = 0; i < projected.size(); ++i) {
+    out.residual.segment<2>(static_cast<Eigen::Index>(2 * i)) << projected[i].x - view.picture[i].x,
+        projected[i].y - view.picture[i].y;
   }
   return out;
 }

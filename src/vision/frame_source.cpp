@@ -105,9 +105,7 @@ class PictureFiles : public FrameSource {
                                    : media().decode(*content, frame.gray)) {
       return fault;
     }
-    const cv::Size size = frame.gray.size();
-    if (expected_ && size != *expected_) frame.wrong_size = size;
-    return sizeFault(size, expected_);
+    return sizeFault(frame, frame.gray.size(), expected_);
   }
 
   std::vector<fs::path> paths_;
@@ -167,10 +165,13 @@ const Media& media() {
   return loaded;
 }
 
-std::optional<std::string> sizeFault(const cv::Size& size,
+std::optional<std::string> sizeFault(Frame& frame, const cv::Size& size,
                                      const std::optional<cv::Size>& expected) {
   const std::string found = "the picture has " + sizeText(size) + " px; expected ";
-  if (expected && size != *expected) return found + sizeText(*expected);
+  if (expected && size != *expected) {
+    frame.wrong_size = size;
+    return found + sizeText(*expected);
+  }
   if (std::max(size.width, size.height) > estimation::Camera::kMaxSide) {
     return found + "at most " + std::to_string(estimation::Camera::kMaxSide) +
            " px per side: make it smaller";

@@ -1,5 +1,6 @@
 #include "helix_arm/vision/jpeg.hpp"
 
+#include <memory>
 #include <new>
 #include <stdexcept>
 
@@ -69,17 +70,16 @@ cv::Size JpegDecoder::claimedSize(const std::uint8_t* data, std::size_t size) {
   return {width, height};
 }
 
-JpegEncoder::JpegEncoder(int quality) : codec_(owned(tjInitCompress())), quality_(quality) {}
-
-std::vector<std::uint8_t> JpegEncoder::encode(const cv::Mat& gray) {
+std::vector<std::uint8_t> JpegEncoder::encode(const cv::Mat& gray) const {
+  const Codec codec = owned(tjInitCompress());
   unsigned char* encoded = nullptr;
   unsigned long size = 0;
-  const int failed = tjCompress2(codec_.get(), gray.data, gray.cols, static_cast<int>(gray.step[0]),
+  const int failed = tjCompress2(codec.get(), gray.data, gray.cols, static_cast<int>(gray.step[0]),
                                  gray.rows, TJPF_GRAY, &encoded, &size, TJSAMP_GRAY, quality_, 0);
   const std::unique_ptr<unsigned char, void (*)(unsigned char*)> bytes(encoded, tjFree);
   if (failed != 0) {
     throw std::runtime_error(messageOf("a picture of ", gray.cols, " x ", gray.rows,
-                                       " px does not encode: ", tjGetErrorStr2(codec_.get())));
+                                       " px does not encode: ", tjGetErrorStr2(codec.get())));
   }
   return {encoded, encoded + size};
 }

@@ -122,8 +122,7 @@ class VideoFile : public FrameSource {
     through_ = true;  // unless a picture comes
     if (!capture_.isOpened() && !open())
       return fail(frame, path_ + ": it is damaged or not a video");
-    if (const auto fault = sizeFault(size_, expected_)) {
-      if (expected_ && size_ != *expected_) frame.wrong_size = size_;
+    if (const auto fault = sizeFault(frame, size_, expected_)) {
       return fail(frame, path_ + ": " + *fault);
     }
     if (!capture_.read(raw_) || raw_.empty()) {

@@ -34,7 +34,6 @@ struct NamedContraction {
 /// All curves by name; one that has faults maps to nothing: they are not reported at every use.
 using Contractions = std::map<std::string, std::optional<NamedContraction>>;
 
-/// Reads `contractions`.
 Contractions readContractions(const MapReader& scene);
 
 /// A stiffness that actuators inherit; a member that was given with faults has any value.
@@ -114,7 +113,6 @@ SceneArmParts readSceneArm(const MapReader& scene);
 /// The optical frame C (z forward, x right, y down) seen from the camera's body (x forward, z up).
 extern const Eigen::Matrix3d kOpticalInBody;
 
-/// Reads `camera`.
 std::optional<CameraConfig> readCamera(const MapReader& scene);
 
 /// Content of `tags`.
@@ -124,13 +122,11 @@ struct TagParts {
   estimation::TagPrior prior;
   lie::SE3 X_BF;  ///< the frame F of tag poses in data sets, seen from the base
 };
-/// Reads `tags`.
 std::optional<TagParts> readTags(const MapReader& scene, const ArmParts* arm);
 
 /// Reads `bodies`: the ids of the layout count from 0 in their order.
 std::optional<estimation::TagLayout> readBodies(const MapReader& scene, const ArmParts* arm);
 
-/// Reads `motion_capture`.
 MotionCapture readMotionCapture(const MapReader& scene);
 
 /// Reads `vision`.
@@ -171,7 +167,6 @@ std::vector<Value*> relativeMeshes(Value& scene);
 
 /// The rows of `dynamics.damping_s`.
 std::vector<Key> dampingKeys(dynamics::StrainTimes& damping);
-/// Reads `dynamics`.
 dynamics::MotionConfig readDynamics(const MapReader& scene);
 
 /// Reads `follow`.
@@ -181,7 +176,6 @@ follow::VisualServoConfig readFollow(const MapReader& scene, const SafetyConfig&
                                      const std::optional<regulator::Config>& regulator,
                                      const std::optional<dynamics::Vibration>& slowest);
 
-/// Reads `calibration`.
 std::optional<Provenance> readProvenance(const MapReader& scene);
 /// The value of `calibration` for this provenance; reading it gives the same.
 Value writeProvenance(Provenance provenance);
