@@ -176,14 +176,18 @@ void ModeEstimator::compare(const Eigen::VectorXd& measured, const Eigen::Matrix
   choose();
 }
 
-void ModeEstimator::choose() {
-  if (weight_ < kLeastPictures || energy_.sum() < kLeastMotion * kLeastMotion * weight_) return;
+void ModeEstimator::judge() {
   residual_.setConstant(turn_.size(), energy_.sum());
   for (Eigen::Index i = 0; i < energy_.size(); ++i) {
     const auto cross = cross_.col(i), power = power_.col(i);
     residual_ -= (cross > 0 && power > 0).select(cross.square() / power, 0.0);
   }
   residual_ = residual_.max(0.0);
+}
+
+void ModeEstimator::choose() {
+  if (weight_ < kLeastPictures || energy_.sum() < kLeastMotion * kLeastMotion * weight_) return;
+  judge();
   const Eigen::Index modes = turn_.size() / lags_.size();
   double without = energy_.sum();
   for (Eigen::Index k = modes - 1; k < turn_.size(); k += modes) {

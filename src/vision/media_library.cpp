@@ -15,10 +15,6 @@ namespace {
 
 using basics::messageOf;
 
-int codeOf(const std::string& fourcc) {
-  return cv::VideoWriter::fourcc(fourcc[0], fourcc[1], fourcc[2], fourcc[3]);
-}
-
 std::string fourccOf(int code) {
   std::string name(4, ' ');
   std::memcpy(name.data(), &code, name.size());
@@ -44,7 +40,8 @@ class V4l2Device : public VideoDevice {
     if (!capture_.open(config_.device, cv::CAP_V4L2)) {
       return "it does not open as a camera; close other programs that use it";
     }
-    capture_.set(cv::CAP_PROP_FOURCC, codeOf(config_.fourcc));
+    const std::string& code = config_.fourcc;
+    capture_.set(cv::CAP_PROP_FOURCC, cv::VideoWriter::fourcc(code[0], code[1], code[2], code[3]));
     capture_.set(cv::CAP_PROP_FRAME_WIDTH, config_.width);
     capture_.set(cv::CAP_PROP_FRAME_HEIGHT, config_.height);
     capture_.set(cv::CAP_PROP_FPS, config_.fps);

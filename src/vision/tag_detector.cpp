@@ -19,6 +19,7 @@
 #include <apriltag/tagStandard52h13.h>
 
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/localization/camera.hpp"
 #include "tag_tracker.hpp"
 
@@ -47,12 +48,11 @@ constexpr std::array<Maker, 9> kMakers = {{
 }};
 
 std::shared_ptr<apriltag_family> make(const std::string& name) {
-  std::string known;
   for (const Maker& maker : kMakers) {
     if (name == maker.name) return {maker.create(), maker.destroy};
-    known += (known.empty() ? "" : ", ") + std::string(maker.name);
   }
-  throw std::invalid_argument("tag family is \"" + name + "\"; expected one of " + known);
+  throw std::invalid_argument("tag family is \"" + name + "\"; expected one of " +
+                              basics::joined(TagFamily::names()));
 }
 
 // libapriltag does not export its own function.

@@ -65,6 +65,7 @@ class ModeEstimator {
  private:
   void restart(const Eigen::VectorXd& pressure);
   void step(const Eigen::VectorXd& pressure, double dt);
+  void judge();
   void findPossible(double dt);
   void choose();
 

@@ -198,9 +198,7 @@ std::optional<lie::SE3> poseOf(const CellTexts& row, const BodyColumns& body, in
   for (int i = 0; i < 3; ++i) r[i] = number(body.rotation[std::size_t(i)], body.angle);
   if (!r.allFinite()) return std::nullopt;
   if (body.rotation[3] < 0) {
-    lie::Vector6 turn = lie::Vector6::Zero();
-    turn.tail<3>() = r;
-    X.rotation = lie::SE3::exp(turn).rotation;
+    X.rotation = Eigen::AngleAxisd(r.norm(), r.normalized()).toRotationMatrix();
     return X;
   }
   const Eigen::Quaterniond q(number(body.rotation[3], 1), r.x() / body.angle, r.y() / body.angle,

@@ -475,6 +475,29 @@ class TableReader {
   bool full_ = false;  // the rest is not read
 };
 
+// How to convert a pressure column to kilopascals; empty for other columns.
+std::string unitsRemedy(const std::string& name) {
+  const struct {
+    const char *unit, *factor;
+  } units[] = {{"_psi", "6.894757"}, {"_mbar", "0.1"}, {"_bar", "100"}, {"_mpa", "1000"}};
+  for (const auto& [unit, factor] : units) {
+    const std::size_t size = std::char_traits<char>::length(unit);
+    if (name.size() > size && name.compare(name.size() - size, size, unit) == 0) {
+      return std::string("; multiply it by ") + factor + " and rename it _kpa";
+    }
+  }
+  return "";
+}
+
+// Unit of a time that cannot be in seconds, since it would be beyond the year 5000; else null.
+const char* unitOfTime(double time) {
+  const double size = std::abs(time);
+  return size < 1e11   ? nullptr
+         : size < 1e14 ? "milliseconds"
+         : size < 1e17 ? "microseconds"
+                       : "nanoseconds";
+}
+
 // @param content  nothing after a fault.
 DataSet parsed(const std::string& name, const std::optional<std::string>& content,
                FaultList& faults, const std::vector<std::string>& skipped) {
@@ -519,24 +542,6 @@ void requireColumns(const DataSet& data, const std::vector<std::string>& columns
   faults.add(0, "has no column " + basics::joined(missing) + "; expected " + expected);
   faults.throwIfAny();
 }
-
-namespace {
-
-// How to convert a pressure column to kilopascals; empty for other columns.
-std::string unitsRemedy(const std::string& name) {
-  const struct {
-    const char *unit, *factor;
-  } units[] = {{"_psi", "6.894757"}, {"_mbar", "0.1"}, {"_bar", "100"}, {"_mpa", "1000"}};
-  for (const auto& [unit, factor] : units) {
-    const std::size_t size = std::char_traits<char>::length(unit);
-    if (name.size() > size && name.compare(name.size() - size, size, unit) == 0) {
-      return std::string("; multiply it by ") + factor + " and rename it _kpa";
-    }
-  }
-  return "";
-}
-
-}  // namespace
 
 DataSet loadDataSet(const std::string& path, const std::vector<std::string>& skipped) {
   FaultList faults(path);
@@ -600,19 +605,6 @@ Eigen::MatrixXd pressuresOf(const DataSet& data, int actuators) {
   faults.throwIfAny();
   return pressures;
 }
-
-namespace {
-
-// Unit of a time that cannot be in seconds, since it would be beyond the year 5000; else null.
-const char* unitOfTime(double time) {
-  const double size = std::abs(time);
-  return size < 1e11   ? nullptr
-         : size < 1e14 ? "milliseconds"
-         : size < 1e17 ? "microseconds"
-                       : "nanoseconds";
-}
-
-}  // namespace
 
 model::InputHistory historyOf(const DataSet& data, int actuators) {
   return historyOf(data, pressuresOf(data, actuators));

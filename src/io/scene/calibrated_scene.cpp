@@ -68,21 +68,17 @@ Eigen::VectorXd vectorOf(const double* numbers, std::size_t count) {
   return Eigen::Map<const Eigen::VectorXd>(numbers, static_cast<Eigen::Index>(count));
 }
 
-Value curveValue(const estimation::ContractionFit& fit) {
-  Value curve = mapOf({}), value = mapOf({});
+Value curveValue(estimation::ContractionFit fit) {
+  std::vector<double> coefficients(fit.coefficients.begin(), fit.coefficients.end());
   const bool quintic = fit.kind == estimation::CurveKind::kQuintic;
-  if (quintic) {
-    setValue(curve, "coefficients_m",
-             numbersValue(vectorOf(fit.coefficients.data(), fit.coefficients.size())));
-    for (const char* key : {"reference_pressure_kpa", "max_pressure_kpa"}) {
-      setValue(curve, key, numberValue(kilopascals(fit.reference_pressure)));
-    }
-  } else {
-    const Eigen::VectorXd pressures = vectorOf(fit.pressures.data(), fit.pressures.size());
-    setValue(curve, "pressure_kpa", numbersValue(pressures.unaryExpr(&kilopascals)));
-    setValue(curve, "length_m", numbersValue(vectorOf(fit.lengths.data(), fit.lengths.size())));
-  }
-  setValue(value, quintic ? "quintic" : "table", std::move(curve));
+  const Value curve =
+      quintic ? mapOf({{"coefficients_m", Numbers{kFinite}, coefficients},
+                       {"reference_pressure_kpa", kPressure, fit.reference_pressure, kKilo},
+                       {"max_pressure_kpa", kPressure, fit.reference_pressure, kKilo}})
+              : mapOf({{"pressure_kpa", Numbers{kPressure}, fit.pressures, kKilo},
+                       {"length_m", Numbers{kLength}, fit.lengths}});
+  Value value = mapOf({});
+  setValue(value, quintic ? "quintic" : "table", curve);
   return value;
 }
 
@@ -124,26 +120,26 @@ void putContraction(const Scene& scene, const std::string& name,
 }
 
 // Replaces the response of a curve; an instant one is removed.
-void putResponse(const Scene& scene, const std::string& name, const model::Response& response,
+void putResponse(const Scene& scene, const std::string& name, model::Response response,
                  Value& document) {
   Value& contraction = contractionOf(scene, name, document);
   if (response.instant()) return eraseValue(contraction, kResponseKey);
-  Value keys = mapOf({});
-  setValue(keys, "rise_time_constant_s", numberValue(response.rise_time));
-  setValue(keys, "fall_time_constant_s", numberValue(response.fall_time));
+  Value keys = mapOf({{"rise_time_constant_s", kNotNegative, response.rise_time},
+                      {"fall_time_constant_s", kNotNegative, response.fall_time}});
   if (response.play_count > 0) {
-    Eigen::VectorXd reach(response.play_count), weight(response.play_count);
+    std::vector<double> reach, weight;
     for (int j = 0; j < response.play_count; ++j) {
-      const model::Response::Play& play = response.plays[static_cast<std::size_t>(j)];
-      reach[j] = kilopascals(play.reach);
-      weight[j] = play.weight;
+      reach.push_back(response.plays[static_cast<std::size_t>(j)].reach);
+      weight.push_back(response.plays[static_cast<std::size_t>(j)].weight);
     }
-    setValue(keys, "play_kpa", numbersValue(reach));
-    setValue(keys, "play_weight", numbersValue(weight));
+    writeKeys({{"play_kpa", Numbers{kPressure}, reach, kKilo},
+               {"play_weight", Numbers{kNotNegative}, weight}},
+              keys);
   }
   if (response.slow_time > 0) {
-    setValue(keys, "slow_time_constant_s", numberValue(response.slow_time));
-    setValue(keys, "slow_weight", numberValue(response.slow_weight));
+    writeKeys({{"slow_time_constant_s", kNotNegative, response.slow_time},
+               {"slow_weight", kNotNegative, response.slow_weight}},
+              keys);
   }
   setValue(contraction, kResponseKey, std::move(keys));
 }
