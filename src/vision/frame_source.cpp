@@ -24,10 +24,6 @@ namespace fs = std::filesystem;
 
 constexpr double kReconnectAfter = 1.0;  // [s]
 
-double steadySeconds() {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
-
 class CameraSource : public FrameSource {
  public:
   CameraSource(std::unique_ptr<VideoDevice> device, std::string name, double reconnect_after,
@@ -199,7 +195,10 @@ FrameStatus FrameSource::fail(Frame& frame, const std::string& fault, double ret
 }
 
 std::unique_ptr<FrameSource> FrameSource::webcam(const WebcamConfig& config) {
-  return camera(media().webcam(config), config.device, kReconnectAfter, steadySeconds);
+  return camera(media().webcam(config), config.device, kReconnectAfter, [] {
+    const auto now = std::chrono::steady_clock::now().time_since_epoch();
+    return std::chrono::duration<double>(now).count();
+  });
 }
 
 std::unique_ptr<FrameSource> FrameSource::camera(std::unique_ptr<VideoDevice> device,

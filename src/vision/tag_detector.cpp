@@ -73,9 +73,6 @@ double tableBytes(const TagFamily& family, int wrong_bits) {
   return kBytesPerWord * family.count() * sum;
 }
 
-// Size of the kernel with which libapriltag blurs or sharpens.
-int kernelSize(double sigma) { return static_cast<int>(4 * std::abs(sigma)) | 1; }
-
 }  // namespace
 
 TagFamily::TagFamily(const std::string& name) : name_(name), family_(make(name)) {}
@@ -145,8 +142,8 @@ TagDetector::TagDetector(const DetectorConfig& config)
 // Smallest side of a picture before decimation: libapriltag reads beyond the memory of pictures
 // smaller than a tile or, if it blurs, the kernel.
 int TagDetector::leastSide() const {
-  return static_cast<int>(std::ceil(config_.quad_decimate)) *
-         std::max(kTile, kernelSize(config_.quad_sigma));
+  const int kernel = static_cast<int>(4 * std::abs(config_.quad_sigma)) | 1;
+  return static_cast<int>(std::ceil(config_.quad_decimate)) * std::max(kTile, kernel);
 }
 
 std::vector<TagDetection> TagDetector::detect(const cv::Mat& gray, const cv::Rect& region) {

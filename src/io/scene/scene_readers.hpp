@@ -17,7 +17,6 @@
 
 namespace helix_arm::io {
 
-/// Key of a contraction.
 inline constexpr char kResponseKey[] = "response";
 
 /// Reads a `response`: how an actuator follows its pressure. None without the key, or if it is an
@@ -71,7 +70,6 @@ struct SectionParts {
 SectionParts readSection(const Value& value, const std::string& path, FaultList& faults,
                          ArmContext& arm);
 
-/// Content of `arm`.
 struct ArmParts {
   lie::SE3 X_WB;
   model::Arm arm;
@@ -115,7 +113,6 @@ extern const Eigen::Matrix3d kOpticalInBody;
 
 std::optional<CameraConfig> readCamera(const MapReader& scene);
 
-/// Content of `tags`.
 struct TagParts {
   std::string family;
   estimation::TagLayout layout;
