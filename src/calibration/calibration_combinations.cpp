@@ -1,3 +1,4 @@
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -6,7 +7,6 @@
 
 #include "calibration_fit.hpp"
 #include "helix_arm/basics/median.hpp"
-#include "helix_arm/localization/gaussian.hpp"
 
 namespace helix_arm::estimation {
 namespace {
@@ -192,11 +192,11 @@ Combination combinationAlong(const LogErrors& errors, const std::vector<int>& me
 // determine none: then the parameters alone say more.
 std::vector<Combination> combinationsAmong(const LogErrors& errors,
                                            const std::vector<int>& members) {
-  const PrincipalAxes axes = principalAxes(errors.covariance(members, members));
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> axes(errors.covariance(members, members));
   std::vector<Combination> out;
   bool mixed = false, known = false;
-  for (Eigen::Index j = 0; j < axes.eigenvectors.cols(); ++j) {
-    out.push_back(combinationAlong(errors, members, axes.eigenvectors.col(j)));
+  for (Eigen::Index j = 0; j < axes.eigenvectors().cols(); ++j) {
+    out.push_back(combinationAlong(errors, members, axes.eigenvectors().col(j)));
     mixed = mixed || std::abs(out.back().powers[1].exponent) >= kPureExponent;
     known = known || out.back().identifiable;
   }

@@ -1,6 +1,7 @@
 #include "calibration_fit.hpp"
 
 #include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <iomanip>
@@ -314,15 +315,15 @@ HeldTest testHeld(const FitParameterInfo& info, const std::vector<ArmCaptures>& 
       deviation.asDiagonal();
   const Eigen::VectorXd score =
       -deviation.cwiseProduct(gradient(own) - cross.transpose() * rest.solve(gradient(others)));
-  const PrincipalAxes axes = principalAxes(posterior);
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> axes(posterior);
   HeldTest out;
   out.info = &info;
   double square = 0;
   int directions = 0;
   for (Eigen::Index j = 0; j < size; ++j) {
-    const double information = axes.eigenvalues[j] - 1;
+    const double information = axes.eigenvalues()[j] - 1;
     if (information < kLeastTold) continue;
-    square += std::pow(axes.eigenvectors.col(j).dot(score), 2) / information;
+    square += std::pow(axes.eigenvectors().col(j).dot(score), 2) / information;
     ++directions;
   }
   if (directions > 0) out.probability = tailOfF(square / directions, directions, fit.freedom);
@@ -439,10 +440,10 @@ Eigen::MatrixXd stiffnessErrors(const std::vector<ArmCaptures>& arms,
                             fit.asked.noise_scale)
           .topLeftCorner(entries, entries);
   Eigen::VectorXd mean = (asked.numbers() - numbersAmong(asked, *fit.problem)).head(entries);
-  const PrincipalAxes axes = principalAxes(own.topLeftCorner(entries, entries));
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> axes(own.topLeftCorner(entries, entries));
   for (Eigen::Index j = 0; j < entries; ++j) {
-    const double variance = axes.eigenvalues[j];
-    const Eigen::VectorXd axis = axes.eigenvectors.col(j);
+    const double variance = axes.eigenvalues()[j];
+    const Eigen::VectorXd axis = axes.eigenvectors().col(j);
     // Along one parameter there is no valley that could bend into others.
     const auto mixed = (axis.array().abs() >= kLeastMix).count();
     if (variance < kSharp * kSharp || mixed < 2) continue;
@@ -502,13 +503,13 @@ CurveTest testCurve(const CalibrationFit& fit) {
   // what is not fitted.
   const Eigen::MatrixXd moved = Eigen::MatrixXd::Identity(size, size) +
                                 (fit.covariance - 2 * by_noise).bottomRightCorner(size, size);
-  const PrincipalAxes axes = principalAxes(moved);
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> axes(moved);
   CurveTest out{0, 0, 1};
   double estimated = 0;  // share of the variance that comes from the noise of the captures
   for (Eigen::Index j = 0; j < size; ++j) {
-    const double variance = axes.eigenvalues[j];
+    const double variance = axes.eigenvalues()[j];
     if (variance < kLeastTold) continue;
-    const Eigen::VectorXd axis = axes.eigenvectors.col(j);
+    const Eigen::VectorXd axis = axes.eigenvectors().col(j);
     out.chi_square += std::pow(axis.dot(deviation), 2) / variance;
     estimated += axis.dot(by_captures * axis) / variance;
     ++out.directions;

@@ -9,12 +9,12 @@ void ArmView::validate() const {
   layout.validate(sections);
 }
 
-void visibleTags(const ArmView& view, const model::Shape& shape, double least_cosine,
-                 std::vector<TagImage>& out) {
-  out.clear();
+std::vector<TagImage> visibleTags(const ArmView& view, const model::Shape& shape,
+                                  double least_cosine) {
+  std::vector<TagImage> out;
   if (view.layout.hasBodies()) {
     for (int i = 0; i < static_cast<int>(view.layout.tags.size()); ++i) out.push_back({i, {}});
-    return;
+    return out;
   }
   const Corners plane = view.layout.corners();
   const model::Shape::Pieces& pieces = shape.pieces();
@@ -40,6 +40,7 @@ void visibleTags(const ArmView& view, const model::Shape& shape, double least_co
     }
     X_CS = shape.beyond(X_CS, j);
   }
+  return out;
 }
 
 double longestSide(const Corners& corners) {
@@ -57,13 +58,6 @@ std::optional<Corners> directionsOf(const Camera& camera, const Corners& corners
     if (!direction) return std::nullopt;
     out.col(c) = *direction;
   }
-  return out;
-}
-
-std::vector<TagImage> visibleTags(const ArmView& view, const model::Shape& shape,
-                                  double least_cosine) {
-  std::vector<TagImage> out;
-  visibleTags(view, shape, least_cosine, out);
   return out;
 }
 

@@ -5,7 +5,6 @@
 #include <cmath>
 
 #include "basics/least_squares.hpp"
-#include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "twist_equations.hpp"
 
@@ -14,13 +13,12 @@ namespace {
 
 using Matrix8 = Eigen::Matrix<double, 8, 8>;
 
-constexpr char kCulprit[] = "camera placement";
 constexpr int kRows = 8;
 constexpr std::size_t kLeastTags = 2;
 // Searches, each with the effects of displacements where the one before ended.
 constexpr int kSearches = 3;
 // The search ends where a step lowers the cost c by at most 1e-8 (1 + c).
-constexpr basics::DescentRules kPlacementDescent{1e-6, 10.0, 1e10, 1e-8, 1e-8, 0};
+constexpr basics::DescentRules kPlacementDescent{1e-6, 10.0, 1e10, 1e-8, 1e-8, 200};
 // Decrease of the cost that a step promises: a fifth of a standard deviation. Below it an estimate
 // that converges slowly, along a valley, is good enough.
 constexpr double kNegligible = 0.04;
@@ -148,7 +146,6 @@ class PlacementProblem {
   static TwistFitOptions fitOptions(const CameraPlacementOptions& options) {
     TwistFitOptions fit;
     fit.corner_noise = options.corner_noise;
-    fit.robust_scale = options.robust_scale;
     fit.free_base = fit.free_border_shift = true;
     fit.base_prior = kAnyBase;
     fit.border_shift_prior = options.border_shift_prior;
@@ -177,19 +174,6 @@ class PlacementProblem {
 
 }  // namespace
 
-void CameraPlacementOptions::validate() const {
-  basics::requirePositive(kCulprit,
-                          {{"the corner noise [px]", corner_noise},
-                           {"the prior of the tags' positions [m]", tag_prior.translation},
-                           {"the prior of the tags' rotations [rad]", tag_prior.rotation},
-                           {"the prior of the twists' v", shape_prior.translation},
-                           {"the prior of the twists' w [rad]", shape_prior.rotation},
-                           {"the prior of the bleed [m]", border_shift_prior},
-                           {"the robust threshold", robust_scale}});
-  basics::requireValue(max_iterations > 0, kCulprit, "the number of iterations", max_iterations,
-                       "a value > 0");
-}
-
 int CameraPlacement::outliers() const {
   return static_cast<int>(
       std::count_if(tags.begin(), tags.end(), [](const TagResidual& tag) { return tag.outlier; }));
@@ -199,31 +183,16 @@ CameraPlacement fitCameraPlacement(const model::Arm& arm, const TagLayout& layou
                                    const model::Shape& shape,
                                    const std::vector<CornerObservation>& seen, double focal,
                                    const lie::SE3& start, const CameraPlacementOptions& options) {
-  options.validate();
-  layout.validate(arm.sectionCount());
-  basics::requirePositive(kCulprit, "the focal length [px]", focal);
-  basics::requireValue(shape.sectionCount() == arm.sectionCount(), kCulprit,
-                       "the number of sections of the shape", shape.sectionCount(),
-                       "that of the arm");
-  for (const CornerObservation& one : seen) {
-    basics::requireValue(one.tag >= 0 && one.tag < static_cast<int>(layout.tags.size()), kCulprit,
-                         "the index of a tag", one.tag, "one of the layout");
-    basics::require(one.direction.allFinite(), kCulprit, ": a direction of tag ",
-                    layout.tags[static_cast<std::size_t>(one.tag)].id,
-                    " is not finite; expected finite directions");
-  }
   CameraPlacement out;
   out.X_CB = start;
   out.twists = shape.twists();
   if (seen.size() < kLeastTags) return out;
   PlacementProblem problem(arm, layout, shape, seen, focal, start, options);
   out.status = PlacementStatus::kNotConverged;
-  basics::DescentRules rules = kPlacementDescent;
-  rules.max_iterations = options.max_iterations;
   basics::Descended<FitPoint> found{problem.start()};
   for (int search = 0; search < kSearches; ++search) {
     if (!problem.loosen(found.at)) return out;
-    found = basics::descend(problem, std::move(found.at), rules);
+    found = basics::descend(problem, std::move(found.at), kPlacementDescent);
     out.iterations += found.iterations;
   }
   const basics::DenseEquations normal = problem.linearise(found.at);

@@ -1,7 +1,6 @@
 #include "helix_arm/localization/gaussian.hpp"
 
 #include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <cmath>
 
 #include "helix_arm/basics/pi.hpp"
@@ -45,11 +44,6 @@ void Gaussian::update(const Measurement& measurement, Eigen::Index held) {
 double tailOfF(double ratio, double above, double below) {
   const double a = 2 / (9 * above), b = 2 / (9 * below), root = std::cbrt(ratio);
   return std::erfc(((1 - b) * root - (1 - a)) / std::sqrt(2 * (b * root * root + a))) / 2;
-}
-
-PrincipalAxes principalAxes(const Eigen::MatrixXd& symmetric) {
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> axes(symmetric);
-  return {axes.eigenvalues(), axes.eigenvectors()};
 }
 
 }  // namespace helix_arm::estimation

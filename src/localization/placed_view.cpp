@@ -3,13 +3,11 @@
 #include <Eigen/Cholesky>
 #include <cmath>
 
-#include "helix_arm/basics/requirement.hpp"
 #include "twist_equations.hpp"
 
 namespace helix_arm::estimation {
 namespace {
 
-constexpr char kCulprit[] = "placed view";
 // Factor on priors that are to say hardly anything.
 constexpr double kWide = 30.0;
 
@@ -25,14 +23,6 @@ template <class Model, class Observe>
 std::optional<Eigen::MatrixXd> errorsOfFit(const PlacedView& placed, const model::Arm& arm,
                                            const model::Shape& shape, const std::vector<int>& tags,
                                            const Model& instrument, const Observe& observe) {
-  basics::requireValue(
-      shape.sectionCount() == placed.view.sections && shape.sectionCount() == arm.sectionCount(),
-      kCulprit, "the number of sections of the shape", shape.sectionCount(),
-      "that of the view and of the arm");
-  for (const int tag : tags) {
-    basics::requireValue(tag >= 0 && tag < static_cast<int>(placed.view.layout.tags.size()),
-                         kCulprit, "the index of a tag", tag, "one of the layout");
-  }
   TwistEquations equations(placed.view.layout, placed.view.sections, placed.fit);
   equations.expect(shape);
   FitPoint point;
@@ -84,21 +74,6 @@ PlacementDeviations::PlacementDeviations(const TagLayout& layout, const TagPrior
   if (const int base_tag = layout.baseTag(); base_tag >= 0) {
     tags[static_cast<std::size_t>(base_tag)].setZero();
   }
-}
-
-void PlacedView::validate() const {
-  view.validate();
-  fit.validate();
-  basics::requireValue(deviations.tags.size() == view.layout.tags.size(), kCulprit,
-                       "the number of tags with deviations", deviations.tags.size(),
-                       "that of the layout");
-  const auto check = [](const lie::Vector6& given) {
-    for (const double value : given) {
-      basics::requireNotNegative(kCulprit, "a placement's deviation [m, rad]", value);
-    }
-  };
-  for (const lie::Vector6& tag : deviations.tags) check(tag);
-  check(deviations.base);
 }
 
 std::optional<Eigen::MatrixXd> placementCovariance(const PlacedView& placed, const model::Arm& arm,

@@ -1,8 +1,6 @@
 #include "helix_arm/localization/tag_layout.hpp"
 
-#include <algorithm>
 #include <cmath>
-#include <string>
 #include <tuple>
 
 #include "helix_arm/basics/requirement.hpp"

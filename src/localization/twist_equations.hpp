@@ -125,9 +125,9 @@ struct PoseModel {
 /// Motion of a part of the arm due to a change of a twist, about the origin of B0 and seen from B0:
 /// v = v_by_v dv + v_by_w dw, w = v_by_v dw.
 struct PointJacobian {
-  Eigen::Matrix3d v_by_v, v_by_w;
+  Eigen::Matrix3d v_by_v = Eigen::Matrix3d::Zero(), v_by_w = Eigen::Matrix3d::Zero();
 
-  static PointJacobian none() { return {Eigen::Matrix3d::Zero(), Eigen::Matrix3d::Zero()}; }
+  PointJacobian() = default;
   // Motion of all parts beyond s on a piece that starts at X_B0k.
   PointJacobian(const lie::SE3& X_B0k, const lie::Vector6& twist, double s) {
     const lie::Matrix6 J = lie::SE3::leftJacobian(s * twist);
@@ -157,16 +157,7 @@ struct PointJacobian {
     J.template middleCols<3>(column + 3).noalias() = rows.by_v.lazyProduct(v_by_w);
     J.template middleCols<3>(column + 3).noalias() += rows.by_w.lazyProduct(v_by_v);
   }
-
- private:
-  PointJacobian(const Eigen::Matrix3d& by_v, const Eigen::Matrix3d& by_w)
-      : v_by_v(by_v), v_by_w(by_w) {}
 };
-
-inline bool isFinite(const CornerObservation& seen) { return seen.direction.allFinite(); }
-inline bool isFinite(const PoseObservation& seen) {
-  return seen.X_BT.translation.allFinite() && seen.X_BT.rotation.allFinite();
-}
 
 // The robust least-squares problem of a twist fit: its cost and its normal equations.
 
@@ -207,7 +198,7 @@ class TwistEquations {
     deviations_.topRows<3>().setConstant(options.model_prior.translation);
     deviations_.bottomRows<3>().setConstant(options.model_prior.rotation);
     starts_.resize(model::kMaxPieces);
-    partial_jacobians_.resize(model::kMaxPieces, PointJacobian::none());
+    partial_jacobians_.resize(model::kMaxPieces);
     weighTags();
     jacobians_.reserve(sections_);
   }
@@ -439,8 +430,8 @@ class TwistEquations {
   // For sections of several pieces: motion of what lies beyond a piece, due to the pieces of its
   // section up to it, as if each changed by the whole change of the twist.
   std::vector<PointJacobian> partial_jacobians_;
-  std::vector<PointJacobian> jacobians_;     // of what lies beyond each section except the last
-  PointJacobian base_jacobian_{lie::SE3()};  // of the whole arm
+  std::vector<PointJacobian> jacobians_;  // of what lies beyond each section except the last
+  PointJacobian base_jacobian_;           // of the whole arm
 };
 
 /// Fills in the results that follow from the equations at the end of a search: outliers, RMS,

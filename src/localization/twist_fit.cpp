@@ -1,15 +1,12 @@
 #include "helix_arm/localization/twist_fit.hpp"
 
 #include <Eigen/Cholesky>
-#include <Eigen/Core>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
-#include <cstdint>
 #include <optional>
 #include <utility>
-#include <vector>
 
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/model/curve.hpp"
@@ -50,12 +47,7 @@ constexpr double kConverged = 1e-5;
 // A cold search also starts at this angle on each side [rad], with at most kMostColdStarts starts.
 constexpr double kColdTurn = 1.5;
 constexpr int kMostColdStarts = 48;
-
-constexpr char kCulprit[] = "twist fit";
-
-void require(bool holds, const char* what, double value, const char* rule) {
-  basics::requireValue(holds, kCulprit, what, value, rule);
-}
+constexpr int kMostIterations = 50;
 
 }  // namespace
 
@@ -68,17 +60,7 @@ struct TwistFitter::Workspace {
 
   Workspace(TagLayout tags, int section_count, const TwistFitOptions& fit_options)
       : equations(std::move(tags), section_count, fit_options) {
-    const std::size_t count = layout().tags.size();
-    errors.reserve(count);
-    for (FitPoint* point : {&at, &next}) {
-      point->residuals.reserve(count);
-      point->squares.reserve(count);
-      point->counts.reserve(count);
-    }
-    for (TwistFit* fit : {&result, &best}) {
-      fit->tags.reserve(count);
-      fit->covariance.setZero(6 * sections(), 6 * sections());
-    }
+    result.covariance.setZero(6 * sections(), 6 * sections());
   }
 
   const TagLayout& layout() const { return equations.layout(); }
@@ -104,7 +86,7 @@ struct TwistFitter::Workspace {
     Eigen::LLT<NormalEquations::Matrix> factors;
     NormalEquations::Vector step;
     double damping = kFirstDamping;
-    while (result.iterations < options().max_iterations && damping < kMaxDamping) {
+    while (result.iterations < kMostIterations && damping < kMaxDamping) {
       ++result.iterations;
       NormalEquations::Matrix damped = system.hessian;
       damped.diagonal() += damping * system.hessian.diagonal().cwiseMax(kLeastInformation);
@@ -125,49 +107,16 @@ struct TwistFitter::Workspace {
         damping = std::max(damping * kDampingRise, kFirstDamping);
       }
     }
-    report();
-    trial.gradient.setZero(system.gradient.size());
-    trial.hessian.setZero(system.gradient.size(), system.gradient.size());
-    equations.addPriors<Model>(at, trial);
-    reportStatistics(equations, at, system.hessian, trial.hessian, result);
-  }
-
-  void report() {
     result.twists = at.twists;
     result.shape = at.shape;
     result.X_B0B = at.X_B0B;
     result.border_shift = at.border_shift;
     result.cost = at.cost;
     result.tags = at.residuals;
-  }
-
-  void startFrom(const model::Twists& twists) { equations.start(twists, at); }
-
-  void checkShape(const model::Shape& shape, const char* what) const {
-    require(shape.sectionCount() == sections(), what, static_cast<double>(shape.sectionCount()),
-            "as many as there are sections");
-    require(shape.pieces().allFinite(), what, std::nan(""), "finite ones");
-  }
-
-  void expect(const model::Shape& model) {
-    checkShape(model, "the number of the model's twists");
-    equations.expect(model);
-  }
-
-  template <class Observation>
-  void checkSeen(const std::vector<Observation>& seen) const {
-    std::uint64_t before = 0;  // one bit per tag; kMaxTags of them
-    for (const Observation& observation : seen) {
-      const int tag = observation.tag;
-      require(tag >= 0 && tag < static_cast<int>(layout().tags.size()), "the index of a tag", tag,
-              "one of the layout");
-      const std::uint64_t bit = std::uint64_t{1} << tag;
-      require((before & bit) == 0, "a tag that is seen twice", layout().tags[tag].id,
-              "each at most once");
-      before |= bit;
-      require(isFinite(observation), "a tag whose pose is not finite", layout().tags[tag].id,
-              "finite numbers");
-    }
+    trial.gradient.setZero(system.gradient.size());
+    trial.hessian.setZero(system.gradient.size(), system.gradient.size());
+    equations.addPriors<Model>(at, trial);
+    reportStatistics(equations, at, system.hessian, trial.hessian, result);
   }
 
   // If most tags have larger errors than expected, raises the expected error.
@@ -183,10 +132,8 @@ struct TwistFitter::Workspace {
   template <class Model>
   const TwistFit& fit(const Model& model, const std::vector<typename Model::Observation>& seen,
                       const model::Shape& start, const model::Shape& of_model) {
-    checkSeen(seen);
-    checkShape(start, "the number of twists to start from");
-    expect(of_model);
-    startFrom(start.twists());
+    equations.expect(of_model);
+    equations.start(start.twists(), at);
     run(model, seen, -1);
     adaptToNoise(model, seen);
     return result;
@@ -202,19 +149,18 @@ struct TwistFitter::Workspace {
   template <class Model>
   const TwistFit& fitCold(const Model& model, const std::vector<typename Model::Observation>& seen,
                           const model::Shape& of_model) {
-    checkSeen(seen);
-    expect(of_model);
-    startFrom(equations.prior());
+    equations.expect(of_model);
+    equations.start(equations.prior(), at);
     run(model, seen, -1);
     best = result;
     int starts_left = kMostColdStarts;
     const auto refine = [&](const model::Twists& from, int skipped) {
       if (--starts_left < 0) return;
-      startFrom(from);
+      equations.start(from, at);
       run(model, seen, skipped);
       if (skipped >= 0) {
         if (result.status == FitStatus::kNotConverged || result.tags.empty()) return;
-        startFrom(result.twists);
+        equations.start(result.twists, at);
         run(model, seen, -1);
       }
       keepBetter();
@@ -231,7 +177,7 @@ struct TwistFitter::Workspace {
     for (int i = 0; i < static_cast<int>(seen.size()); ++i) refine(equations.prior(), i);
     // Repeats the best one, so that the workspace holds its result.
     if (!best.tags.empty()) {
-      startFrom(best.twists);
+      equations.start(best.twists, at);
       at.X_B0B = best.X_B0B;
       at.base_offset = at.X_B0B.log();
       at.border_shift = best.border_shift;
@@ -242,13 +188,8 @@ struct TwistFitter::Workspace {
   }
 };
 
-TwistFitter::TwistFitter(TagLayout layout, int sections, const TwistFitOptions& options) {
-  require(sections >= 1 && sections <= model::kMaxSections, "the number of sections", sections,
-          "1 to 16");
-  layout.validate(sections);
-  options.validate();
-  work_ = std::make_unique<Workspace>(std::move(layout), sections, options);
-}
+TwistFitter::TwistFitter(TagLayout layout, int sections, const TwistFitOptions& options)
+    : work_(std::make_unique<Workspace>(std::move(layout), sections, options)) {}
 TwistFitter::~TwistFitter() = default;
 TwistFitter::TwistFitter(TwistFitter&&) noexcept = default;
 TwistFitter& TwistFitter::operator=(TwistFitter&&) noexcept = default;
@@ -260,8 +201,8 @@ void TwistFitter::know(const RigEstimate& rig) {
   const bool finite = rig.mean.allFinite() && rig.covariance.allFinite();
   basics::require(
       finite && (Eigen::LDLT<RigEstimate::Matrix>(rig.covariance).vectorD().array() > 0).all(),
-      kCulprit,
-      ": what is known of base and bleed is no estimate; expected finite numbers and a covariance "
+      "twist fit: what is known of base and bleed is no estimate; expected finite numbers and a "
+      "covariance "
       "that is positive definite");
   work_->equations.know(rig);
 }
@@ -269,7 +210,6 @@ void TwistFitter::know(const RigEstimate& rig) {
 const TwistFit& TwistFitter::fit(const std::vector<CornerObservation>& seen, const lie::SE3& X_CB,
                                  double focal, const model::Shape& start,
                                  const model::Shape& model) {
-  basics::requirePositive(kCulprit, "the focal length [px]", focal);
   return work_->fit(CornerModel{X_CB, focal / work_->options().corner_noise, work_->options()},
                     seen, start, model);
 }
@@ -282,7 +222,6 @@ const TwistFit& TwistFitter::fit(const std::vector<PoseObservation>& seen,
 const TwistFit& TwistFitter::fitCold(const std::vector<CornerObservation>& seen,
                                      const lie::SE3& X_CB, double focal,
                                      const model::Shape& model) {
-  basics::requirePositive(kCulprit, "the focal length [px]", focal);
   return work_->fitCold(CornerModel{X_CB, focal / work_->options().corner_noise, work_->options()},
                         seen, model);
 }
@@ -290,20 +229,6 @@ const TwistFit& TwistFitter::fitCold(const std::vector<CornerObservation>& seen,
 const TwistFit& TwistFitter::fitCold(const std::vector<PoseObservation>& seen,
                                      const model::Shape& model) {
   return work_->fitCold(PoseModel{work_->options(), work_->layout()}, seen, model);
-}
-
-void TwistFitOptions::validate() const {
-  basics::requirePositive(kCulprit, {{"the noise of corners [px]", corner_noise},
-                                     {"the noise of tag positions [m]", position_noise}});
-  basics::requireNotNegative(kCulprit, "the noise of tag rotations [rad]", rotation_noise);
-  basics::requirePositive(kCulprit,
-                          {{"the robust scale", robust_scale},
-                           {"the model's prior of v [m]", model_prior.translation},
-                           {"the model's prior of w [rad]", model_prior.rotation},
-                           {"the prior of the base's position [m]", base_prior.translation},
-                           {"the prior of the base's rotation [rad]", base_prior.rotation},
-                           {"the prior of the bleed [m]", border_shift_prior}});
-  require(max_iterations >= 1, "the number of iterations", max_iterations, "at least 1");
 }
 
 RigEstimate::RigEstimate(const TwistFitOptions& options) {

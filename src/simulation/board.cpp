@@ -87,7 +87,6 @@ SimulatedCamera boardCamera(const estimation::Camera& camera, const vision::TagB
 
 SimulatedCamera boardCamera(const estimation::Camera& camera, const vision::CharucoBoard& board,
                             const lie::SE3& X_CP, const SimulatedCameraConfig& config) {
-  board.validate();
   const estimation::ArmView view{camera, {}, {board.square_size, {{0, 0, 0.0, X_CP}}}, 1};
   return {view, {charucoPrint(board)}, {}, config};
 }

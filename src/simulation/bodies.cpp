@@ -1,20 +1,10 @@
 #include "helix_arm/simulation/bodies.hpp"
 
-#include "helix_arm/basics/requirement.hpp"
-
 namespace helix_arm::simulation {
 
 SimulatedBodies::SimulatedBodies(const estimation::ArmView& truth,
                                  const SimulatedBodiesConfig& config)
-    : truth_(truth), config_(config) {
-  truth_.validate();
-  basics::require(truth_.layout.hasBodies(),
-                  "simulated bodies: the view has none; expected a scene with the section bodies");
-  basics::requirePositive("simulated bodies", "the rate [Hz]", config_.rate);
-  basics::requireValue(config_.lost >= 0 && config_.lost < 1, "simulated bodies", "the lost share",
-                       config_.lost, "at least 0 and below 1");
-  generator_.seed(config_.seed);
-}
+    : truth_(truth), config_(config), generator_(config.seed) {}
 
 std::vector<estimation::BodyPose> SimulatedBodies::see(const model::Shape& shape) {
   std::vector<estimation::BodyPose> out;

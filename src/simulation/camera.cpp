@@ -10,7 +10,6 @@
 #include <random>
 #include <utility>
 
-#include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include "helix_arm/basics/requirement.hpp"
@@ -19,7 +18,6 @@
 namespace helix_arm::simulation {
 namespace {
 
-constexpr char kSimulatedCamera[] = "simulated camera";  // subject of error messages
 constexpr double kFarOff = 2e4;  // limit of pixel coordinates that are drawn [px]
 
 // A number in [lower, upper) from a generator. It is the same on every machine, which the
@@ -31,17 +29,16 @@ double uniform(Generator& generator, double lower, double upper) {
 }
 
 constexpr int kFractionBits = 4;  // of OpenCV's fixed-point coordinates
-constexpr int kMostCorners = 8;
 
-// Fills a polygon, its corners in pixels, with smooth edges.
-void fillPolygon(cv::Mat& picture, const cv::Point2d* corners, int count, double gray) {
-  cv::Point fixed[kMostCorners];
+// Fills a quadrangle, its corners in pixels, with smooth edges.
+void fillQuadrangle(cv::Mat& picture, const cv::Point2d (&corners)[4], double gray) {
+  cv::Point fixed[4];
   const double scale = 1 << kFractionBits;
-  for (int i = 0; i < count; ++i) {
+  for (int i = 0; i < 4; ++i) {
     fixed[i] = {static_cast<int>(std::lround(corners[i].x * scale)),
                 static_cast<int>(std::lround(corners[i].y * scale))};
   }
-  cv::fillConvexPoly(picture, fixed, count, cv::Scalar(gray), cv::LINE_AA, kFractionBits);
+  cv::fillConvexPoly(picture, fixed, 4, cv::Scalar(gray), cv::LINE_AA, kFractionBits);
 }
 
 // A frame in the picture for drawing.
@@ -59,7 +56,7 @@ void fillBox(cv::Mat& picture, const Place& place, double x, double y, double ha
   const cv::Point2d corners[] = {
       place.at(x - half_width, y - half_height), place.at(x + half_width, y - half_height),
       place.at(x + half_width, y + half_height), place.at(x - half_width, y + half_height)};
-  fillPolygon(picture, corners, 4, gray);
+  fillQuadrangle(picture, corners, gray);
 }
 
 // Looks like the border of a tag; its four-fold symmetry is one that no tag of any family has.
@@ -329,7 +326,7 @@ class TagPainter {
     for (const CardPrint& print : prints) {
       const double least = std::min(*std::min_element(print.across.begin(), print.across.end()),
                                     *std::min_element(print.down.begin(), print.down.end()));
-      basics::requireValue(border_shift < 0.5 * least * print.unit, kSimulatedCamera,
+      basics::requireValue(border_shift < 0.5 * least * print.unit, "simulated camera",
                            "the bleed [m]", border_shift,
                            "less than half a cell of what is printed");
       cards_.push_back({TagPattern(print, border_shift / print.unit), print.unit,
@@ -481,28 +478,11 @@ struct Layer {
   int piece;
 };
 
-// Returns the view after checking all parts.
-const ArmView& checked(const ArmView& view, const ArmBody& body,
-                       const SimulatedCameraConfig& config) {
-  view.validate();
-  config.validate();
-  basics::requireValue(
-      body.radius.empty() || body.radius.size() == static_cast<std::size_t>(view.sections),
-      kSimulatedCamera, "the number of radii", static_cast<double>(body.radius.size()),
-      "one per section");
-  for (const double radius : body.radius) {
-    basics::requirePositive(kSimulatedCamera, "the arm's radius [m]", radius);
-  }
-  return view;
-}
-
 // Each tag with its white border; the unit is a cell.
 std::vector<CardPrint> printsOf(const estimation::TagLayout& layout,
                                 const vision::TagFamily& family) {
   std::vector<CardPrint> prints;
   for (const estimation::TagPlacement& tag : layout.tags) {
-    basics::requireValue(tag.id < family.count(), kSimulatedCamera, "the id of a tag", tag.id,
-                         "one that the family of the tags has");
     CardPrint print{family.cells(tag.id), {}, {}, layout.size / family.borderCells()};
     print.across.assign(static_cast<std::size_t>(print.cells.cols), 1.0);
     print.down.assign(static_cast<std::size_t>(print.cells.rows), 1.0);
@@ -512,33 +492,22 @@ std::vector<CardPrint> printsOf(const estimation::TagLayout& layout,
 }
 
 // Includes 0.5, so that truncation becomes rounding.
-std::vector<float> noiseTable(double deviation, std::uint32_t seed) {
+std::vector<float> noiseTable(double deviation, std::uint32_t seed, int width) {
   std::mt19937 generator(seed);
   std::normal_distribution<double> normal;
   std::vector<float> table(kNoiseTable);
   for (float& value : table) value = static_cast<float>(0.5 + deviation * normal(generator));
+  // A row may begin anywhere in the table.
+  for (int x = 0; x < width; ++x) table.push_back(table[x]);
   return table;
 }
 
 }  // namespace
 
-void SimulatedCameraConfig::validate() const {
-  basics::requireNotNegative(kSimulatedCamera, "the blur [px]", blur);
-  basics::requireNotNegative(kSimulatedCamera, "the noise [gray levels]", noise);
-  basics::requirePositive(kSimulatedCamera, "the exposure", exposure);
-  basics::requireNotNegative(kSimulatedCamera, "the bleed [m]", border_shift);
-  basics::requireValue(jpeg_quality >= 1 && jpeg_quality <= 100, kSimulatedCamera,
-                       "the JPEG quality", jpeg_quality, "1 to 100");
-  basics::requireValue(clutter >= 0, kSimulatedCamera, "the number of objects in the background",
-                       clutter, "a value >= 0");
-  basics::requireValue(occluders >= 0, kSimulatedCamera, "the number of occluders", occluders,
-                       "a value >= 0");
-}
-
 struct SimulatedCamera::Workspace {
   Workspace(const ArmView& view_in, const std::vector<CardPrint>& prints, const ArmBody& body_in,
             const SimulatedCameraConfig& config_in)
-      : view(checked(view_in, body_in, config_in)),
+      : view(view_in),
         body(body_in),
         config(config_in),
         tags(view.camera, prints, config.border_shift),
@@ -546,18 +515,11 @@ struct SimulatedCamera::Workspace {
     for (int i = 0; i < config.occluders; ++i) occluders.emplace_back(generator);
     const estimation::Camera& camera = view.camera;
     backdrop = paintBackdrop(camera.width, camera.height, config.clutter, config.seed);
-    noise = noiseTable(config.noise, config.seed);
-    noise.resize(kNoiseTable + camera.width);  // a row may begin anywhere in the table
-    for (int x = 0; x < camera.width; ++x) noise[kNoiseTable + x] = noise[x % kNoiseTable];
+    noise = noiseTable(config.noise, config.seed, camera.width);
     picture.create(camera.height, camera.width, CV_8UC1);
   }
 
   const cv::Mat& render(const model::Shape& shape) {
-    basics::requireValue(shape.sectionCount() == view.sections, kSimulatedCamera,
-                         "the number of sections", shape.sectionCount(),
-                         "one per section of the arm in view");
-    basics::requireValue(shape.pieces().allFinite(), kSimulatedCamera, "a twist", "not finite",
-                         "finite twists");
     backdrop.copyTo(sharp);
     collectLayers(shape);
     for (const Layer& layer : layers) {
@@ -630,7 +592,7 @@ struct SimulatedCamera::Workspace {
       const cv::Point2d corners[] = {
           from.pixel + band.left * across_from, from.pixel + band.right * across_from,
           to.pixel + band.right * across_to, to.pixel + band.left * across_to};
-      fillPolygon(sharp, corners, 4, tone * band.gray);
+      fillQuadrangle(sharp, corners, tone * band.gray);
     }
   }
 
@@ -671,7 +633,7 @@ struct SimulatedCamera::Workspace {
 
 SimulatedCamera::SimulatedCamera(const ArmView& view, const vision::TagFamily& family,
                                  const ArmBody& body, const SimulatedCameraConfig& config)
-    : SimulatedCamera(view, printsOf(checked(view, body, config).layout, family), body, config) {}
+    : SimulatedCamera(view, printsOf(view.layout, family), body, config) {}
 SimulatedCamera::SimulatedCamera(const ArmView& view, const std::vector<CardPrint>& prints,
                                  const ArmBody& body, const SimulatedCameraConfig& config)
     : work_(std::make_unique<Workspace>(view, prints, body, config)) {}

@@ -16,8 +16,6 @@
 namespace helix_arm::simulation {
 namespace {
 
-constexpr double kLeastVisibleCosine = 0.2;  // as in estimation::visibleTags()
-
 std::optional<MeasuredShape> measured(const estimation::TwistFit& fit) {
   MeasuredShape out{fit.twists, fit.covariance, model::tipPose(fit.shape), {}};
   for (const estimation::TagResidual& tag : fit.tags) out.tags.push_back(tag.tag);
@@ -80,9 +78,8 @@ struct SimulatedVision::Workspace {
   }
 
   void observe(const model::Shape& shape) {
-    estimation::visibleTags(truth, shape, kLeastVisibleCosine, visible);
     seen.clear();
-    for (const estimation::TagImage& tag : visible) {
+    for (const estimation::TagImage& tag : estimation::visibleTags(truth, shape)) {
       if (estimation::longestSide(tag.corners) < config.least_side) continue;
       estimation::Corners corners = tag.corners.colwise() + shift;
       for (double& coordinate : corners.reshaped()) {
@@ -142,7 +139,6 @@ struct SimulatedVision::Workspace {
   std::string why_unseen;                           // by the last look that measured nothing
   Eigen::Vector2d shift = Eigen::Vector2d::Zero();  // of pictures [px]
   bool frozen = false;
-  std::vector<estimation::TagImage> visible;
   std::vector<estimation::CornerObservation> seen;
   std::optional<SimulatedCamera> simulated;
   std::optional<vision::JpegEncoder> encoder;

@@ -1,18 +1,11 @@
 #include "helix_arm/tracking/arm_filter.hpp"
 
 #include <Eigen/Cholesky>
-#include <Eigen/Core>
-#include <algorithm>
 #include <array>
 #include <cmath>
-#include <memory>
-#include <optional>
-#include <string>
 #include <utility>
-#include <vector>
 
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/statics/correction.hpp"
 #include "helix_arm/tracking/mode_estimator.hpp"
 
 namespace helix_arm::estimation {
@@ -459,13 +452,6 @@ void ArmFilter::reset() { work_->start(); }
 void ArmFilter::forgetTime() { work_->last_time.reset(); }
 
 void ArmFilter::setState(const Gaussian& state) {
-  const Eigen::Index size = work_->scale.size();
-  basics::requireValue(state.mean.size() == size && state.covariance.rows() == size &&
-                           state.covariance.cols() == size,
-                       kCulprit, "the size of a state", state.mean.size(),
-                       "one entry per parameter and per measured entry of the twists");
-  basics::require(state.mean.allFinite() && state.covariance.allFinite(), kCulprit,
-                  ": a state is not finite");
   work_->state = work_->withinReason(state);
   work_->followCorrection();
 }

@@ -1,18 +1,15 @@
 #include "helix_arm/tracking/onset_hypotheses.hpp"
 
 #include <Eigen/Cholesky>
-#include <Eigen/Core>
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <optional>
 #include <vector>
 
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/localization/gaussian.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/tracking/arm_filter.hpp"
 #include "helix_arm/tracking/error_budget.hpp"
 
 namespace helix_arm::estimation {
@@ -101,11 +98,6 @@ struct OnsetState : Gaussian {
     Eigen::VectorXd from = mean;
     from.head(parameters) -= step.theta;
     return {step.measured - step.model.twists - H * from, H, step.noise};
-  }
-
-  /// Covariance (d x d) of a picture's innovation.
-  Eigen::MatrixXd spread(const Measurement& measurement) const {
-    return measurement.H * covariance * measurement.H.transpose() + measurement.noise;
   }
 
   Eigen::Vector3d force() const { return mean.tail<3>(); }  // [N]
@@ -362,7 +354,8 @@ struct OnsetHypotheses::Workspace {
     expected.reshaped()(rows) -= picture.innovation;
     const int size = 6 * measured.sectionCount();
     Eigen::MatrixXd covariance = Eigen::MatrixXd::Zero(size, size);
-    covariance(rows, rows) = memory.state.spread(picture);
+    covariance(rows, rows) =
+        picture.H * memory.state.covariance * picture.H.transpose() + picture.noise;
     const Eigen::Vector3d error =
         model::tipPose(measured).translation - model::tipPose(measured.about(expected)).translation;
     const TipDistance distance = tipDistance(error, tipCovariance(measured, covariance));

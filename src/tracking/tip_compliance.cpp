@@ -3,10 +3,8 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
-#include <optional>
 #include <type_traits>
 
-#include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/statics/loaded.hpp"
 #include "helix_arm/statics/stiffness_by_input.hpp"
@@ -15,7 +13,6 @@
 namespace helix_arm::estimation {
 namespace {
 
-constexpr char kCulprit[] = "compliance of the arm";
 constexpr double kForceStep = 0.25 / TipCompliance::kTypicalStiffness;  // of differences, per K_eps
 constexpr double kPressureMove = 1e4;  // beyond it the compliance is computed again [Pa]
 constexpr int kPlacesPerSection = 4;
@@ -52,8 +49,6 @@ class LinearFit {
     options_.robust_scale = kNoOutliers;
     equations_.emplace(view_.layout, view_.sections, options_);
   }
-
-  bool has(int tag) const { return tag >= 0 && tag < static_cast<int>(view_.layout.tags.size()); }
 
   // False if the tags do not determine the shape.
   bool lineariseAt(const model::Shape& shape, const std::optional<std::vector<int>>& tags) {
@@ -199,11 +194,6 @@ TipCompliance::TipCompliance(const statics::ArmModel& model)
 TipCompliance::TipCompliance(const statics::ArmModel& model, const ArmView& view,
                              const TwistFitOptions& fit)
     : TipCompliance(model) {
-  view.validate();
-  fit.validate();
-  basics::requireValue(view.sections == model.arm().sectionCount(), kCulprit,
-                       "the number of sections in the camera's view", view.sections,
-                       "as many as the arm has");
   work_->fit.emplace(view, fit);
 }
 TipCompliance::~TipCompliance() = default;
@@ -217,10 +207,6 @@ const std::vector<ForcePlace>& TipCompliance::places() const { return work_->pla
 void TipCompliance::moveTo(const Eigen::VectorXd& pressure, const statics::Correction& correction,
                            const std::optional<std::vector<int>>& tags) {
   Workspace& w = *work_;
-  for (const int tag : tags.value_or(std::vector<int>())) {
-    basics::requireValue(!w.fit || w.fit->has(tag), kCulprit, "the index of a tag", tag,
-                         "one of the layout");
-  }
   const Eigen::VectorXd inside = w.corrected.arm().clamped(pressure);
   const bool stays = w.pressure.size() == inside.size() && tags == w.tags &&
                      (inside - w.pressure).cwiseAbs().maxCoeff() < kPressureMove;

@@ -33,7 +33,6 @@ struct ArmLocalizer::Workspace {
   std::vector<int> copied_ids;  // seen more than once when the whole picture was last searched
 
   estimation::ArmView expected_view;  // with the last fitted base
-  std::vector<estimation::TagImage> observations;
   std::vector<ExpectedTag> expected;
   std::vector<estimation::CornerObservation> seen;
   std::optional<estimation::BodyCheck> bodies;
@@ -65,8 +64,8 @@ struct ArmLocalizer::Workspace {
     const model::Shape shape = expectedShape(model);
     if (!warm) return shape;
     expected_view.X_CB = view.X_CB * last_X_B0B;
-    estimation::visibleTags(expected_view, shape, kLeastCosine, observations);
-    for (const estimation::TagImage& tag : observations) {
+    for (const estimation::TagImage& tag :
+         estimation::visibleTags(expected_view, shape, kLeastCosine)) {
       const int id = view.layout.tags[tag.tag].id;
       expected.push_back({id, tag.corners, contains(last_ids, id)});
     }
@@ -145,12 +144,20 @@ struct ArmLocalizer::Workspace {
     });
   }
 
-  void remember(const model::Shape& model, bool enough) {
+  // @param see  arguments of BaseWatch::see(), after what was observed.
+  template <class Observations, class... See>
+  const Observation& conclude(const model::Shape& model, const Observations& of,
+                              const See&... see) {
+    const bool enough = static_cast<int>(of.size()) >= config.min_tags;
+    if (base && enough) {
+      base->see(of, see...);
+      observation.moved = base->move();
+    }
     warm = observation.state == ObservationState::kMeasured;
     if (memory && enough) memory->learn(observation.fit);
     last_ids.clear();
     last_outliers.clear();
-    if (!warm) return;
+    if (!warm) return observation;
     last_twists = observation.fit.twists;
     last_X_B0B = observation.fit.X_B0B;
     last_model = model.twists();
@@ -158,6 +165,7 @@ struct ArmLocalizer::Workspace {
     for (const estimation::TagResidual& tag : observation.fit.tags) {
       if (tag.outlier) last_outliers.push_back(view.layout.tags[tag.tag].id);
     }
+    return observation;
   }
 
   const Observation& locate(const cv::Mat& gray, const model::Shape& model) {
@@ -174,13 +182,7 @@ struct ArmLocalizer::Workspace {
       take(tracker->search(gray));
       fit(start, model, seen);
     }
-    const bool enough = static_cast<int>(seen.size()) >= config.min_tags;
-    if (base && enough) {
-      base->see(seen, view.X_CB, camera.focal(), start, model);
-      observation.moved = base->move();
-    }
-    remember(model, enough);
-    return observation;
+    return conclude(model, seen, view.X_CB, camera.focal(), start, model);
   }
 
   void take(const std::vector<estimation::BodyPose>& all, std::vector<estimation::BodyPose> sound) {
@@ -218,23 +220,12 @@ struct ArmLocalizer::Workspace {
       return observation;
     }
     fit(start, model, poses);
-    const bool enough = static_cast<int>(poses.size()) >= config.min_tags;
-    if (base && enough) {
-      base->see(poses, start, model);
-      observation.moved = base->move();
-    }
-    remember(model, enough);
-    return observation;
+    return conclude(model, poses, start, model);
   }
 };
 
-ArmLocalizer::ArmLocalizer(const estimation::ArmView& view, const LocalizerConfig& config) {
-  view.validate();
-  config.validate();
-  basics::require(view.layout.hasBodies() || config.min_tags >= 2, "the least number of tags is ",
-                  config.min_tags, "; expected at least 2: the pose of a single tag is ambiguous");
-  work_ = std::make_unique<Workspace>(view, config);
-}
+ArmLocalizer::ArmLocalizer(const estimation::ArmView& view, const LocalizerConfig& config)
+    : work_(std::make_unique<Workspace>(view, config)) {}
 ArmLocalizer::~ArmLocalizer() = default;
 ArmLocalizer::ArmLocalizer(ArmLocalizer&&) noexcept = default;
 ArmLocalizer& ArmLocalizer::operator=(ArmLocalizer&&) noexcept = default;
@@ -264,12 +255,6 @@ void ArmLocalizer::forget() {
 }
 
 const estimation::ArmView& ArmLocalizer::view() const { return work_->view; }
-
-void LocalizerConfig::validate() const {
-  detector.validate();
-  fit.validate();
-  basics::require(min_tags >= 1, "the least number of tags is ", min_tags, "; expected at least 1");
-}
 
 const char* nameOf(ObservationState state) {
   constexpr const char* kNames[] = {"measured", "no_tags", "too_few_tags", "no_fit"};

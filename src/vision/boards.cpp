@@ -78,10 +78,6 @@ Eigen::Vector2d pixelOf(const BoardHomography& homography, const Eigen::Vector2d
   return {h[0] / h[2], h[1] / h[2]};
 }
 
-double roomAround(const Eigen::Vector2d& pixel, const BoardHomography& homography) {
-  return (homography.corners.colwise() - pixel).colwise().norm().minCoeff();
-}
-
 std::map<int, BoardHomography> homographiesOf(const CharucoBoard& board, const Markers& markers) {
   std::map<int, BoardHomography> homographies;
   auto seen = markers.begin();
@@ -95,24 +91,41 @@ std::map<int, BoardHomography> homographiesOf(const CharucoBoard& board, const M
   return homographies;
 }
 
-// Sets of markers that corners connect.
-class Groups {
- public:
-  int rootOf(int marker) {
-    int root = marker;
-    for (auto above = above_.find(root); above != above_.end(); above = above_.find(root)) {
-      root = above->second;
-    }
-    return root;
-  }
-  void join(int a, int b) {
-    const int root_a = rootOf(a), root_b = rootOf(b);
-    if (root_a != root_b) above_[root_a] = root_b;
-  }
-
- private:
-  std::map<int, int> above_;
+// An inner corner between two diagonal squares whose markers were both seen.
+struct MarkedCorner {
+  int id;
+  Eigen::Vector2d pixel;  // mean of what the two markers tell, not refined [px]
+  double room;            // from there to the nearest corner of a marker [px]
+  int above, below;       // the two markers
 };
+
+bool shareMarker(const MarkedCorner& a, const MarkedCorner& b) {
+  return a.above == b.above || a.above == b.below || a.below == b.above || a.below == b.below;
+}
+
+// Corners on which the markers on either side agree.
+std::vector<MarkedCorner> agreedCorners(const CharucoBoard& board, const Markers& markers) {
+  const std::map<int, BoardHomography> homographies = homographiesOf(board, markers);
+  std::vector<MarkedCorner> corners;
+  for (int id = 0; id < board.cornerCount(); ++id) {
+    const int column = id % (board.columns - 1), row = id / (board.columns - 1);
+    const int shift = board.isWhite(column, row) ? 0 : 1;
+    const auto above = homographies.find(board.markerIn(column + shift, row));
+    const auto below = homographies.find(board.markerIn(column + 1 - shift, row + 1));
+    if (above == homographies.end() || below == homographies.end()) continue;
+    const BoardHomography &first = above->second, &second = below->second;
+    const Eigen::Vector2d a = pixelOf(first, board.corner(id)),
+                          b = pixelOf(second, board.corner(id)), pixel = 0.5 * (a + b);
+    const double square = std::min(first.side, second.side) * board.square_size / board.marker_size;
+    if (!((a - b).norm() <= kAgreement * square)) continue;
+    const auto roomTo = [&pixel](const BoardHomography& marker) {
+      return (marker.corners.colwise() - pixel).colwise().norm().minCoeff();
+    };
+    corners.push_back(
+        {id, pixel, std::min(roomTo(first), roomTo(second)), above->first, below->first});
+  }
+  return corners;
+}
 
 // Moves a corner to where the chessboard's edges cross. @return whether they do near it.
 bool refine(const cv::Mat& gray, MarkedCorner& corner) {
@@ -286,7 +299,7 @@ void Coverage::add(const BoardObservation& observation) {
     const double y = (corner.pixel.y() + 0.5) / size_.height;
     const int column = std::clamp(static_cast<int>(x * kColumns), 0, kColumns - 1);
     const int row = std::clamp(static_cast<int>(y * kRows), 0, kRows - 1);
-    seen_[static_cast<std::size_t>(row * kColumns + column)] = true;
+    seen_(row, column) = 1;
   }
 }
 
@@ -298,14 +311,11 @@ std::string Coverage::emptiest() const {
   double most = 0;
   for (int down = 0; down < 3; ++down) {
     for (int across = 0; across < 3; ++across) {
-      int empty = 0, cells = 0;
-      for (int row = down * kRows / 3; row < (down + 1) * kRows / 3; ++row) {
-        for (int column = across * kColumns / 3; column < (across + 1) * kColumns / 3; ++column) {
-          ++cells;
-          empty += isSeen(column, row) ? 0 : 1;
-        }
-      }
-      const double part = static_cast<double>(empty) / cells;
+      const cv::Range rows(down * kRows / 3, (down + 1) * kRows / 3);
+      const cv::Range columns(across * kColumns / 3, (across + 1) * kColumns / 3);
+      const cv::Mat cells = cv::Mat(seen_)(rows, columns);
+      const auto count = static_cast<double>(cells.total());
+      const double part = (count - cv::countNonZero(cells)) / count;
       if (part <= most) continue;
       most = part;
       name = kNames[down][across];
@@ -358,47 +368,18 @@ std::vector<MarkerObservation> findMarkers(const std::string& dictionary, const 
   return markers;
 }
 
-std::vector<MarkedCorner> markedCorners(const CharucoBoard& board, const Markers& markers) {
-  const std::map<int, BoardHomography> homographies = homographiesOf(board, markers);
-  std::vector<MarkedCorner> corners;
-  std::vector<int> marker_of;  // one of a corner's markers
-  Groups groups;
-  for (int id = 0; id < board.cornerCount(); ++id) {
-    const int column = id % (board.columns - 1), row = id / (board.columns - 1);
-    const int above = board.isWhite(column, row) ? column : column + 1;
-    const int below = above == column ? column + 1 : column;
-    const auto first = homographies.find(board.markerIn(above, row));
-    const auto second = homographies.find(board.markerIn(below, row + 1));
-    if (first == homographies.end() || second == homographies.end()) continue;
-    const Eigen::Vector2d on_board = board.corner(id);
-    const Eigen::Vector2d a = pixelOf(first->second, on_board);
-    const Eigen::Vector2d b = pixelOf(second->second, on_board);
-    const double square =
-        std::min(first->second.side, second->second.side) * board.square_size / board.marker_size;
-    if (!((a - b).norm() <= kAgreement * square)) continue;
-    const Eigen::Vector2d pixel = 0.5 * (a + b);
-    corners.push_back(
-        {id, pixel, std::min(roomAround(pixel, first->second), roomAround(pixel, second->second))});
-    marker_of.push_back(first->first);
-    groups.join(first->first, second->first);
-  }
-  std::map<int, int> sizes;
-  for (const int marker : marker_of) ++sizes[groups.rootOf(marker)];
-  const auto largest = std::max_element(
-      sizes.begin(), sizes.end(), [](const auto& a, const auto& b) { return a.second < b.second; });
-  std::vector<MarkedCorner> connected;
-  for (std::size_t i = 0; i < corners.size(); ++i) {
-    if (groups.rootOf(marker_of[i]) == largest->first) connected.push_back(corners[i]);
-  }
-  return connected;
-}
-
 BoardObservation charucoObservation(const CharucoBoard& board, const std::string& name,
                                     const cv::Mat& gray) {
   BoardObservation observation{name, {}};
-  for (MarkedCorner& corner : markedCorners(board, findMarkers(board.dictionary, gray))) {
-    if (!refine(gray, corner)) continue;
-    observation.corners.push_back({corner.id, board.corner(corner.id), corner.pixel});
+  std::vector<MarkedCorner> corners = agreedCorners(board, findMarkers(board.dictionary, gray));
+  if (corners.empty()) return observation;
+  std::vector<int> set_of;
+  std::vector<int> sizes(static_cast<std::size_t>(cv::partition(corners, set_of, shareMarker)));
+  for (const int set : set_of) ++sizes[static_cast<std::size_t>(set)];
+  const auto largest = std::max_element(sizes.begin(), sizes.end()) - sizes.begin();
+  for (std::size_t i = 0; i < corners.size(); ++i) {
+    if (set_of[i] != largest || !refine(gray, corners[i])) continue;
+    observation.corners.push_back({corners[i].id, board.corner(corners[i].id), corners[i].pixel});
   }
   return observation;
 }

@@ -130,10 +130,7 @@ void fit(const cv::Size& size, int coefficients, Fit& out) {
   const cv::TermCriteria until(cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 200, 1e-12);
   cv::calibrateCamera(board, picture, size, out.K, out.D, rotations, translations,
                       flagsOf(coefficients), until);
-  cv::Mat all = cv::Mat::zeros(kCoefficients, 1, CV_64F);
-  const auto known = std::min<std::size_t>(kCoefficients, out.D.total());
-  std::copy_n(out.D.ptr<double>(), known, all.ptr<double>());
-  out.D = all;
+  out.D.resize(kCoefficients, 0.0);
   for (std::size_t i = 0; i < out.views.size(); ++i) {
     rotations[i].convertTo(out.views[i].rotation, CV_64F);
     translations[i].convertTo(out.views[i].translation, CV_64F);
@@ -156,16 +153,12 @@ Linearised linearise(const Fit& fit, const View& view) {
   cv::Mat jacobian;  // by rotation, translation, focal lengths, principal point, distortion
   cv::projectPoints(board, view.rotation, view.translation, fit.K, fit.D, projected, jacobian);
   const auto rows = static_cast<Eigen::Index>(2 * projected.size());
-  Linearised out{Eigen::VectorXd(rows), Eigen::MatrixXd(rows, kIntrinsics),
-                 Eigen::MatrixXd(rows, kPose)};
-  for (Eigen::Index row = 0; row < rows; ++row) {
-    const auto point = static_cast<std::size_t>(row / 2);
-    const double offset = row % 2 == 0 ? projected[point].x - view.picture[point].x
-                                       : projected[point].y - view.picture[point].y;
-    out.residual[row] = offset;
-    const double* const from = jacobian.ptr<double>(static_cast<int>(row));
-    out.by_pose.row(row) = Eigen::RowVectorXd::Map(from, kPose);
-    out.by_intrinsics.row(row) = Eigen::RowVectorXd::Map(from + kPose, kIntrinsics);
+  using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  const Eigen::Map<const Rows> J(jacobian.ptr<double>(), rows, jacobian.cols);
+  Linearised out{Eigen::VectorXd(rows), J.middleCols(kPose, kIntrinsics), J.leftCols(kPose)};
+  for (std::size_t i = 0; i < projected.size(); ++i) {
+    out.residual.segment<2>(static_cast<Eigen::Index>(2 * i)) << projected[i].x - view.picture[i].x,
+        projected[i].y - view.picture[i].y;
   }
   return out;
 }
@@ -357,17 +350,9 @@ std::optional<lie::SE3> startOfPlacement(const estimation::TagLayout& layout,
   return best;
 }
 
-void CameraCalibrationOptions::validate() const {
-  const bool known = coefficients == 0 || coefficients == 2 || coefficients == 4 ||
-                     coefficients == 5 || coefficients == 8;
-  basics::requireValue(known, "camera calibration", "the number of coefficients", coefficients,
-                       "0, 2, 4, 5 or 8");
-}
-
 CameraCalibration calibrateCamera(const BoardParts& parts, const cv::Size& size,
                                   const std::vector<BoardObservation>& observations,
                                   const CameraCalibrationOptions& options) {
-  options.validate();
   CameraCalibration out;
   Fit best;
   for (std::size_t i = 0; i < observations.size(); ++i) {

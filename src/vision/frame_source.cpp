@@ -4,8 +4,6 @@
 #include <array>
 #include <cctype>
 #include <chrono>
-#include <cmath>
-#include <cstring>
 #include <filesystem>
 #include <limits>
 #include <stdexcept>
@@ -24,12 +22,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Formats that hold a gray picture without conversion.
-constexpr std::array<const char*, 4> kFormats = {"MJPG", "YUYV", "UYVY", "GREY"};
-
-double steadySeconds() {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
+constexpr double kReconnectAfter = 1.0;  // [s]
 
 class CameraSource : public FrameSource {
  public:
@@ -108,9 +101,7 @@ class PictureFiles : public FrameSource {
                                    : media().decode(*content, frame.gray)) {
       return fault;
     }
-    const cv::Size size = frame.gray.size();
-    if (expected_ && size != *expected_) frame.wrong_size = size;
-    return sizeFault(size, expected_);
+    return sizeFault(frame, frame.gray.size(), expected_);
   }
 
   std::vector<fs::path> paths_;
@@ -159,40 +150,24 @@ std::vector<fs::path> picturesIn(const fs::path& folder) {
 }
 
 bool equal(const cv::Mat& a, const cv::Mat& b) {
-  if (a.empty() || a.size() != b.size() || a.type() != b.type()) return false;
-  const std::size_t row = a.elemSize() * static_cast<std::size_t>(a.cols);
-  for (int y = 0; y < a.rows; ++y) {
-    if (std::memcmp(a.ptr(y), b.ptr(y), row) != 0) return false;
-  }
-  return true;
+  return !a.empty() && a.size() == b.size() && a.type() == b.type() &&
+         cv::norm(a, b, cv::NORM_INF) == 0;
 }
 
 }  // namespace
-
-void WebcamConfig::validate() const {
-  const auto require = [](bool holds, const auto&... parts) {
-    basics::require(holds, "webcam ", parts...);
-  };
-  require(!device.empty(), "device is empty; expected a path such as /dev/video0");
-  require(width > 0 && height > 0, "size is ", width, " x ", height, "; expected > 0 px");
-  require(std::find(kFormats.begin(), kFormats.end(), fourcc) != kFormats.end(), "fourcc is \"",
-          fourcc, "\"; expected one of ", basics::joined(kFormats, " "));
-  require(fps > 0 && std::isfinite(fps), "fps is ", fps, "; expected a finite value > 0");
-  require(focus >= 0, "focus is ", focus, "; expected >= 0");
-  require(exposure >= 0, "exposure is ", exposure, "; expected >= 0");
-  require(reconnect_after >= 0 && std::isfinite(reconnect_after), "reconnect_after is ",
-          reconnect_after, "; expected a finite value >= 0 s");
-}
 
 const Media& media() {
   static const Media& loaded = load();
   return loaded;
 }
 
-std::optional<std::string> sizeFault(const cv::Size& size,
+std::optional<std::string> sizeFault(Frame& frame, const cv::Size& size,
                                      const std::optional<cv::Size>& expected) {
   const std::string found = "the picture has " + sizeText(size) + " px; expected ";
-  if (expected && size != *expected) return found + sizeText(*expected);
+  if (expected && size != *expected) {
+    frame.wrong_size = size;
+    return found + sizeText(*expected);
+  }
   if (std::max(size.width, size.height) > estimation::Camera::kMaxSide) {
     return found + "at most " + std::to_string(estimation::Camera::kMaxSide) +
            " px per side: make it smaller";
@@ -220,8 +195,10 @@ FrameStatus FrameSource::fail(Frame& frame, const std::string& fault, double ret
 }
 
 std::unique_ptr<FrameSource> FrameSource::webcam(const WebcamConfig& config) {
-  config.validate();
-  return camera(media().webcam(config), config.device, config.reconnect_after, steadySeconds);
+  return camera(media().webcam(config), config.device, kReconnectAfter, [] {
+    const auto now = std::chrono::steady_clock::now().time_since_epoch();
+    return std::chrono::duration<double>(now).count();
+  });
 }
 
 std::unique_ptr<FrameSource> FrameSource::camera(std::unique_ptr<VideoDevice> device,

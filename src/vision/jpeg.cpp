@@ -1,5 +1,6 @@
 #include "helix_arm/vision/jpeg.hpp"
 
+#include <memory>
 #include <new>
 #include <stdexcept>
 
@@ -69,31 +70,18 @@ cv::Size JpegDecoder::claimedSize(const std::uint8_t* data, std::size_t size) {
   return {width, height};
 }
 
-JpegEncoder::JpegEncoder(int quality) : codec_(owned(tjInitCompress())), quality_(quality) {
-  basics::require(quality >= 1 && quality <= 100, "JPEG quality is ", quality,
-                  "; expected 1 to 100");
-}
-
-std::vector<std::uint8_t> JpegEncoder::encode(const cv::Mat& gray) {
-  basics::require(!gray.empty() && gray.type() == CV_8UC1, "the picture to encode is ",
-                  gray.empty() ? "empty" : "of type " + cv::typeToString(gray.type()),
-                  "; expected gray of 8 bits, CV_8UC1");
-  const tjhandle codec = codec_.get();
-  const auto refuse = [&]() {
+std::vector<std::uint8_t> JpegEncoder::encode(const cv::Mat& gray) const {
+  const Codec codec = owned(tjInitCompress());
+  unsigned char* encoded = nullptr;
+  unsigned long size = 0;
+  const int failed = tjCompress2(codec.get(), gray.data, gray.cols, static_cast<int>(gray.step[0]),
+                                 gray.rows, TJPF_GRAY, &encoded, &size, TJSAMP_GRAY, quality_, 0);
+  const std::unique_ptr<unsigned char, void (*)(unsigned char*)> bytes(encoded, tjFree);
+  if (failed != 0) {
     throw std::runtime_error(messageOf("a picture of ", gray.cols, " x ", gray.rows,
-                                       " px does not encode: ", tjGetErrorStr2(codec)));
-  };
-  const unsigned long worst = tjBufSize(gray.cols, gray.rows, TJSAMP_GRAY);
-  if (worst == static_cast<unsigned long>(-1)) refuse();
-  if (buffer_.size() < worst) buffer_.resize(worst);
-  unsigned char* const begin = buffer_.data();
-  unsigned char* place = begin;
-  unsigned long size = worst;
-  if (tjCompress2(codec, gray.data, gray.cols, static_cast<int>(gray.step[0]), gray.rows, TJPF_GRAY,
-                  &place, &size, TJSAMP_GRAY, quality_, TJFLAG_NOREALLOC) != 0) {
-    refuse();
+                                       " px does not encode: ", tjGetErrorStr2(codec.get())));
   }
-  return {begin, begin + size};
+  return {encoded, encoded + size};
 }
 
 }  // namespace helix_arm::vision

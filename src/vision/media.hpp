@@ -1,6 +1,5 @@
 #pragma once
 
-#include <cstdint>
 #include <memory>
 #include <optional>
 #include <string>
@@ -25,8 +24,9 @@ struct Media {
 /// Loads the library once. @throws std::runtime_error if it cannot be loaded.
 const Media& media();
 
-/// Checks a picture's size [px]. @return the fault, if there is one.
-std::optional<std::string> sizeFault(const cv::Size& size, const std::optional<cv::Size>& expected);
+/// Checks a picture's size [px] for its frame. @return the fault, if there is one.
+std::optional<std::string> sizeFault(Frame& frame, const cv::Size& size,
+                                     const std::optional<cv::Size>& expected);
 
 }  // namespace helix_arm::vision
 

@@ -15,14 +15,14 @@ namespace {
 
 using basics::messageOf;
 
-int codeOf(const std::string& fourcc) {
-  return cv::VideoWriter::fourcc(fourcc[0], fourcc[1], fourcc[2], fourcc[3]);
-}
-
 std::string fourccOf(int code) {
   std::string name(4, ' ');
   std::memcpy(name.data(), &code, name.size());
   return name;
+}
+
+std::optional<std::string> decoded(const cv::Mat& jpeg, cv::Mat& gray) {
+  return JpegDecoder().decode(jpeg.data, jpeg.total() * jpeg.elemSize(), gray);
 }
 
 class V4l2Device : public VideoDevice {
@@ -40,7 +40,8 @@ class V4l2Device : public VideoDevice {
     if (!capture_.open(config_.device, cv::CAP_V4L2)) {
       return "it does not open as a camera; close other programs that use it";
     }
-    capture_.set(cv::CAP_PROP_FOURCC, codeOf(config_.fourcc));
+    const std::string& code = config_.fourcc;
+    capture_.set(cv::CAP_PROP_FOURCC, cv::VideoWriter::fourcc(code[0], code[1], code[2], code[3]));
     capture_.set(cv::CAP_PROP_FRAME_WIDTH, config_.width);
     capture_.set(cv::CAP_PROP_FRAME_HEIGHT, config_.height);
     capture_.set(cv::CAP_PROP_FPS, config_.fps);
@@ -69,12 +70,7 @@ class V4l2Device : public VideoDevice {
       return Read::kGone;
     }
     if (config_.fourcc == "MJPG") {
-      const std::size_t size = raw_.total() * raw_.elemSize();
-      if (const auto wrong = wrongSize(JpegDecoder::claimedSize(raw_.data, size))) {
-        fault = *wrong;
-        return Read::kBroken;
-      }
-      if (const auto broken = decoder_.decode(raw_.data, size, gray)) {
+      if (const auto broken = decoded(raw_, gray)) {
         fault = *broken + "; if this goes on, try another cable or port";
         return Read::kBroken;
       }
@@ -83,21 +79,15 @@ class V4l2Device : public VideoDevice {
     } else {
       cv::extractChannel(raw_, gray, config_.fourcc == "YUYV" ? 0 : 1);
     }
-    const auto wrong = wrongSize(gray.size());
-    fault = wrong.value_or("");
-    return wrong ? Read::kBroken : Read::kPicture;
+    if (gray.size() == cv::Size(config_.width, config_.height)) return Read::kPicture;
+    fault = messageOf("a picture of ", gray.cols, " x ", gray.rows, " px; expected ", config_.width,
+                      " x ", config_.height);
+    return Read::kBroken;
   }
 
   void close() override { capture_.release(); }
 
  private:
-  // Without a valid header nothing is refused here; decoding reports it better.
-  std::optional<std::string> wrongSize(const cv::Size& size) const {
-    if (size.empty() || size == cv::Size(config_.width, config_.height)) return std::nullopt;
-    return messageOf("a picture of ", size.width, " x ", size.height, " px; expected ",
-                     config_.width, " x ", config_.height);
-  }
-
   // OpenCV reads -1 for a control that the camera does not have, which then cannot drift.
   std::optional<std::string> lock(const char* name, int mode, double manual, int control,
                                   int value) {
@@ -116,7 +106,6 @@ class V4l2Device : public VideoDevice {
   WebcamConfig config_;
   cv::VideoCapture capture_;
   cv::Mat raw_;
-  JpegDecoder decoder_;
 };
 
 class VideoFile : public FrameSource {
@@ -130,8 +119,7 @@ class VideoFile : public FrameSource {
     through_ = true;  // unless a picture comes
     if (!capture_.isOpened() && !open())
       return fail(frame, path_ + ": it is damaged or not a video");
-    if (const auto fault = sizeFault(size_, expected_)) {
-      if (expected_ && size_ != *expected_) frame.wrong_size = size_;
+    if (const auto fault = sizeFault(frame, size_, expected_)) {
       return fail(frame, path_ + ": " + *fault);
     }
     if (!capture_.read(raw_) || raw_.empty()) {
@@ -144,13 +132,10 @@ class VideoFile : public FrameSource {
       cv::cvtColor(raw_, frame.gray, cv::COLOR_BGR2GRAY);
       return FrameStatus::kFrame;
     }
-    const std::size_t bytes = raw_.total() * raw_.elemSize();
-    const cv::Size claimed = JpegDecoder::claimedSize(raw_.data, bytes);
-    if (!claimed.empty() && claimed != size_) return failSize(frame, claimed);
-    if (const auto fault = decoder_.decode(raw_.data, bytes, frame.gray)) {
+    if (const auto fault = decoded(raw_, frame.gray)) {
       return fail(frame, frame.name + ": " + *fault);
     }
-    return FrameStatus::kFrame;
+    return frame.gray.size() == size_ ? FrameStatus::kFrame : failSize(frame, frame.gray.size());
   }
 
   bool continuous() const override { return true; }
@@ -177,7 +162,6 @@ class VideoFile : public FrameSource {
   bool packets_ = false;  // what is read are JPEGs
   bool through_ = false;
   cv::Mat raw_;
-  JpegDecoder decoder_;
 };
 
 std::optional<std::string> decode(const std::string& bytes, cv::Mat& gray) {

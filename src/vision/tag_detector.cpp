@@ -19,6 +19,7 @@
 #include <apriltag/tagStandard52h13.h>
 
 #include "helix_arm/basics/requirement.hpp"
+#include "helix_arm/basics/text.hpp"
 #include "helix_arm/localization/camera.hpp"
 #include "tag_tracker.hpp"
 
@@ -47,12 +48,11 @@ constexpr std::array<Maker, 9> kMakers = {{
 }};
 
 std::shared_ptr<apriltag_family> make(const std::string& name) {
-  std::string known;
   for (const Maker& maker : kMakers) {
     if (name == maker.name) return {maker.create(), maker.destroy};
-    known += (known.empty() ? "" : ", ") + std::string(maker.name);
   }
-  throw std::invalid_argument("tag family is \"" + name + "\"; expected one of " + known);
+  throw std::invalid_argument("tag family is \"" + name + "\"; expected one of " +
+                              basics::joined(TagFamily::names()));
 }
 
 // libapriltag does not export its own function.
@@ -62,8 +62,6 @@ void freeImage(image_u8_t* image) {
 }
 
 constexpr int kMaxDecimate = 32;
-constexpr int kMaxThreads = 64;
-constexpr double kMaxSigma = 10.0;             // [px]; its kernel has 8 bits per weight
 constexpr double kMaxTableBytes = 2147483648;  // memory for wrong bits
 constexpr int kTile = 4;                       // of libapriltag's threshold [px]
 
@@ -74,9 +72,6 @@ double tableBytes(const TagFamily& family, int wrong_bits) {
   for (int i = 0; i < wrong_bits; ++i) sum += words *= family.bitCount() - i;
   return kBytesPerWord * family.count() * sum;
 }
-
-// Size of the kernel with which libapriltag blurs or sharpens.
-int kernelSize(double sigma) { return static_cast<int>(4 * std::abs(sigma)) | 1; }
 
 }  // namespace
 
@@ -121,12 +116,6 @@ void DetectorConfig::validate() const {
                                    quad_decimate == std::floor(quad_decimate)),
           "quad_decimate is ", quad_decimate, "; expected 1, 1.5 or a whole number up to ",
           kMaxDecimate);
-  require(std::abs(quad_sigma) <= kMaxSigma, "quad_sigma is ", quad_sigma, "; expected ",
-          -kMaxSigma, " to ", kMaxSigma, " px");
-  require(threads >= 1 && threads <= kMaxThreads, "threads is ", threads, "; expected 1 to ",
-          kMaxThreads);
-  require(max_hamming >= 0 && max_hamming <= 3, "max_hamming is ", max_hamming,
-          "; expected 0 to 3");
   require(2 * max_hamming < of.distance(), "max_hamming is ", max_hamming, "; tags of ", family,
           " differ in ", of.distance(), " bits, so that no more than ", (of.distance() - 1) / 2,
           " can be corrected");
@@ -153,8 +142,8 @@ TagDetector::TagDetector(const DetectorConfig& config)
 // Smallest side of a picture before decimation: libapriltag reads beyond the memory of pictures
 // smaller than a tile or, if it blurs, the kernel.
 int TagDetector::leastSide() const {
-  return static_cast<int>(std::ceil(config_.quad_decimate)) *
-         std::max(kTile, kernelSize(config_.quad_sigma));
+  const int kernel = static_cast<int>(4 * std::abs(config_.quad_sigma)) | 1;
+  return static_cast<int>(std::ceil(config_.quad_decimate)) * std::max(kTile, kernel);
 }
 
 std::vector<TagDetection> TagDetector::detect(const cv::Mat& gray, const cv::Rect& region) {

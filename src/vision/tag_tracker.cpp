@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstddef>
 #include <limits>
 
 namespace helix_arm::vision {
@@ -166,21 +165,21 @@ struct TagTracker::Workspace {
     since_whole = 0;
     candidates = detectTrue(gray, cv::Rect({0, 0}, gray.size()));
     // Tags that were only found by their edges or in a region are kept.
-    std::size_t kept = 0;
-    for (std::size_t i = 0; i < result.tags.size(); ++i) {
-      const TagDetection& tag = result.tags[i];
-      const bool found =
-          std::any_of(candidates.begin(), candidates.end(), [&tag](const TagDetection& other) {
+    const auto found = candidates.end() - candidates.begin();
+    for (std::size_t i = 0; i < way.size(); ++i) {
+      if (way[i] == Way::kNone) continue;
+      const TagDetection& tag = result.tags[place[i]];
+      const bool again = std::any_of(
+          candidates.begin(), candidates.begin() + found, [&tag](const TagDetection& other) {
             return other.id == tag.id && samePlace(other.corners, tag.corners);
           });
-      if (found) {
-        --(tag_ways[i] == Way::kEdges ? result.by_edges : result.by_regions);
+      if (again) {
+        --(way[i] == Way::kEdges ? result.by_edges : result.by_regions);
       } else {
-        result.tags[kept++] = tag;
+        candidates.push_back(tag);
       }
     }
-    result.tags.resize(kept, TagDetection{});
-    result.tags.insert(result.tags.end(), candidates.begin(), candidates.end());
+    std::swap(result.tags, candidates);
     result.whole_picture = true;
   }
 
@@ -198,7 +197,6 @@ struct TagTracker::Workspace {
     way[i] = by;
     place[i] = result.tags.size();
     result.tags.push_back(tag);
-    tag_ways.push_back(by);
     ++(by == Way::kEdges ? result.by_edges : result.by_regions);
   }
 
@@ -208,8 +206,7 @@ struct TagTracker::Workspace {
   std::vector<TagCells> cells_by_id;  // once requested
   TrackResult result;
   std::vector<Way> way;            // how each expected tag was found
-  std::vector<std::size_t> place;  // index in the result
-  std::vector<Way> tag_ways;       // and each of the result before the whole picture was searched
+  std::vector<std::size_t> place;  // index in the result, before the whole picture was searched
   std::vector<cv::Rect> regions;
   std::vector<TagDetection> candidates;
   std::vector<std::size_t> unseen;  // indices of the tags that were not found last time
@@ -229,7 +226,6 @@ const TrackResult& TagTracker::track(const cv::Mat& gray,
   work.begin();
   work.way.assign(expected.size(), Workspace::Way::kNone);
   work.place.assign(expected.size(), 0);
-  work.tag_ways.clear();
   const bool by_edges = work.mode == TrackingMode::kEdges && work.closed_border;
   if (by_edges) {
     for (std::size_t i = 0; i < expected.size(); ++i) {

@@ -45,11 +45,11 @@ class AtomicFile {
   void commit();
 
  private:
-  AtomicFile(std::string path, std::string target);
+  void discard();
 
   const std::string path_, target_;  // as given, and what is replaced
-  std::string name_, temporary_;     // in their folder; no temporary one once it is renamed
-  int folder_ = -1, file_ = -1;
+  std::string temporary_;            // beside it; empty once it is renamed
+  int file_ = -1;
   std::size_t end_ = 0;
 };
 

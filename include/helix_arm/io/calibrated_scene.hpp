@@ -65,8 +65,8 @@ SceneCalibration changesOf(const Scene& scene, const estimation::Calibration& ca
 /// @param sha256  hash of the calibrated file; empty to accept its current content.
 /// @throws DocumentError if the file cannot be read, is not the calibrated one, or breaks its rules
 /// before or after the change, including actuator limits beyond a new curve.
-/// @throws std::invalid_argument on changes that do not fit the scene: a camera pose without a
-/// camera, other tags, another number of actuators, an unknown contraction.
+/// @throws std::invalid_argument on an unknown contraction, K_eps of a scene without a load, or a
+/// tag on another section. Otherwise the changes have to be of this scene.
 std::string calibratedSceneText(const std::string& path, const std::vector<Override>& overrides,
                                 const SceneCalibration& calibration,
                                 const std::string& sha256 = {});

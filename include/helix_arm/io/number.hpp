@@ -2,13 +2,14 @@
 
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace helix_arm::io {
 
 /// Parses a finite number, independent of the locale: accepts "-1.5e-3", refuses "1.5 kPa", "nan"
 /// and "0x10".
-std::optional<double> parseNumber(const std::string& text);
+std::optional<double> parseNumber(std::string_view text);
 
 /// The shortest decimal that reads back as the same number.
 std::string formatNumber(double value);

@@ -24,13 +24,23 @@ struct TagPose {
   int line;       ///< line in the file
 };
 
+/// Corners of one tag in a picture.
+struct TagCorners {
+  int id;                       ///< in its family
+  estimation::Corners corners;  ///< in the picture, with lens distortion [px]
+  int line = 0;                 ///< line in the file
+};
+
 /// All tags measured at one time.
-struct TagPoseCapture {
-  int number;                ///< number in the file
+template <class Tag>
+struct TagCapture {
+  int number;                ///< number in the file, >= 0
   Eigen::VectorXd pressure;  ///< (actuators) gauge [Pa]
-  std::vector<TagPose> tags;
+  std::vector<Tag> tags;
   std::optional<double> time = std::nullopt;  ///< on the clock of a series of the arm [s]
 };
+using TagPoseCapture = TagCapture<TagPose>;
+using TagCornerCapture = TagCapture<TagCorners>;
 
 /// The captures of a data set with columns capture, pressure_1_kpa .., tag, x_m, y_m, z_m, qx, qy,
 /// qz and qw and, optionally, time_s, in the order in which each appears first.
@@ -39,21 +49,6 @@ struct TagPoseCapture {
 /// number >= 0, a quaternion far from norm 1, a tag twice in one capture, pressures that change
 /// within a capture.
 std::vector<TagPoseCapture> loadTagPoses(const DataSet& data, int actuators, const lie::SE3& X_BF);
-
-/// Corners of one tag in a picture.
-struct TagCorners {
-  int id;                       ///< in its family
-  estimation::Corners corners;  ///< in the picture, with lens distortion [px]
-  int line = 0;                 ///< line in the file
-};
-
-/// All tags seen at one time.
-struct TagCornerCapture {
-  int number;                ///< number in the file, >= 0
-  Eigen::VectorXd pressure;  ///< (actuators) gauge [Pa]
-  std::vector<TagCorners> tags;
-  std::optional<double> time = std::nullopt;  ///< on the clock of a series of the arm [s]
-};
 
 /// The captures of a data set with columns capture, pressure_1_kpa .., tag, x1_px, y1_px .. x4_px
 /// and y4_px and, optionally, time_s, in the order in which each appears first. The time of a
@@ -66,7 +61,6 @@ std::vector<TagCornerCapture> loadTagCorners(const DataSet& data, int actuators)
 /// tags.
 /// @param actuators  of the arm, >= 1.
 /// @param comment    initial comment lines, empty for none.
-/// @throws std::invalid_argument on a capture with another number of pressures.
 std::string tagCornerCsv(const std::vector<TagCornerCapture>& captures, int actuators,
                          const std::string& comment);
 /// The same of a data set of poses, which are written as they are given.

@@ -38,8 +38,5 @@ std::optional<Corners> directionsOf(const Camera& camera, const Corners& corners
 /// @param least_cosine  minimum cosine of the angle between a tag's normal and its line of sight.
 std::vector<TagImage> visibleTags(const ArmView& view, const model::Shape& shape,
                                   double least_cosine = 0.2);
-/// The same, writing to `out`.
-void visibleTags(const ArmView& view, const model::Shape& shape, double least_cosine,
-                 std::vector<TagImage>& out);
 
 }  // namespace helix_arm::estimation

@@ -23,13 +23,6 @@ struct CameraPlacementOptions {
   TagPrior tag_prior;         ///< of every tag except the one nearest to the base
   ShapePrior shape_prior;     ///< of the arm
   double border_shift_prior = 0.0005;  ///< standard deviation of the width of white bleeding [m]
-  /// Robust threshold in expected standard deviations (Cauchy loss, per tag): beyond it a tag
-  /// loses weight and is an outlier.
-  double robust_scale = 3.5;
-  int max_iterations = 200;  ///< of the Levenberg-Marquardt method
-
-  /// @throws std::invalid_argument naming the value and its rule.
-  void validate() const;
 };
 
 /// Whether a camera was placed.
@@ -69,7 +62,6 @@ struct CameraPlacement {
 /// @param seen   one entry per tag, no tag twice, all finite.
 /// @param focal  converts errors of directions to pixels, > 0 [px].
 /// @param start  approximate X_CB.
-/// @throws std::invalid_argument naming the value that breaks a rule.
 CameraPlacement fitCameraPlacement(const model::Arm& arm, const TagLayout& layout,
                                    const model::Shape& shape,
                                    const std::vector<CornerObservation>& seen, double focal,

@@ -35,11 +35,4 @@ struct Gaussian {
 /// @param below  >= 1; for 4 and more, tails of 0.1 % and more are right to a fifth of their size.
 double tailOfF(double ratio, double above, double below);
 
-/// Eigenvalues of a symmetric matrix, in ascending order, and its eigenvectors, one per column.
-struct PrincipalAxes {
-  Eigen::VectorXd eigenvalues;
-  Eigen::MatrixXd eigenvectors;
-};
-PrincipalAxes principalAxes(const Eigen::MatrixXd& symmetric);  ///< those of a symmetric matrix
-
 }  // namespace helix_arm::estimation

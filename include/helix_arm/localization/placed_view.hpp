@@ -28,7 +28,7 @@ struct PlacedView {
   PlacementDeviations deviations;
 
   /// @throws std::invalid_argument naming the value and its rule.
-  void validate() const;
+  void validate() const { view.validate(); }
 };
 
 /// Covariance (6 sections x 6 sections) [m, rad] of the errors of fitted mean twists that errors of
@@ -41,7 +41,6 @@ struct PlacedView {
 /// @param shape  the arm's, seen from the base.
 /// @param tags   indices of the fitted tags, each once.
 /// @return nothing if a corner is behind the camera.
-/// @throws std::invalid_argument if there is no such tag or `shape` has other sections than `arm`.
 std::optional<Eigen::MatrixXd> placementCovariance(const PlacedView& placed, const model::Arm& arm,
                                                    const model::Shape& shape,
                                                    const std::vector<int>& tags);

@@ -67,10 +67,6 @@ struct TwistFitOptions {
   bool free_border_shift =
       false;  ///< fit the width of white bleeding into black as well, under its prior
   double border_shift_prior = 0.0005;  ///< standard deviation of the border shift [m]
-  int max_iterations = 50;             ///< of the Levenberg-Marquardt method
-
-  /// @throws std::invalid_argument naming the value and its rule.
-  void validate() const;
 };
 
 /// Whether a shape was fitted.
@@ -142,7 +138,6 @@ class TwistFitter {
  public:
   /// @param layout    placements of the tags.
   /// @param sections  number of sections of the arm, in [1, model::kMaxSections].
-  /// @throws std::invalid_argument naming the value that breaks a rule.
   TwistFitter(TagLayout layout, int sections, const TwistFitOptions& options);
   ~TwistFitter();
   TwistFitter(TwistFitter&&) noexcept;
@@ -164,7 +159,6 @@ class TwistFitter {
   /// @param start  shape with the same number of sections; only its mean twists are used.
   /// @param model  centre of the model's prior and source of the pieces' deviations; default: the
   ///     start.
-  /// @throws std::invalid_argument naming the value that breaks a rule.
   const TwistFit& fit(const std::vector<CornerObservation>& seen, const lie::SE3& X_CB,
                       double focal, const model::Shape& start, const model::Shape& model);
   const TwistFit& fit(const std::vector<CornerObservation>& seen, const lie::SE3& X_CB,

@@ -13,7 +13,6 @@ namespace helix_arm::simulation {
 class SimulatedBodies {
  public:
   /// @param truth  the true view of the bodies.
-  /// @throws std::invalid_argument naming the value and its rule.
   SimulatedBodies(const estimation::ArmView& truth, const SimulatedBodiesConfig& config);
 
   /// Poses at one time of an arm of this shape, seen from the frame C of the view; lost ones are

@@ -67,9 +67,6 @@ struct SimulatedCameraConfig {
   int clutter = 0;
   int occluders = 0;  ///< number of bars that move through the picture in front of the arm, >= 0
   std::uint32_t seed = 1;
-
-  /// @throws std::invalid_argument naming the value and its rule.
-  void validate() const;
 };
 
 /// A simulated motion-capture system.

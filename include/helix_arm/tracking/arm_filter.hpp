@@ -91,7 +91,6 @@ class ArmFilter {
   void forgetTime();
   /// Replaces what was learnt, as by a filter that ran beside this one and knows better.
   /// @param state  [theta; b] and its covariance, as state().
-  /// @throws std::invalid_argument on another size, or values that are not finite.
   void setState(const Gaussian& state);
 
   int parameterCount() const;

@@ -31,9 +31,7 @@ class TipCompliance {
 
   /// The mean of the strain counts: there is no camera.
   explicit TipCompliance(const statics::ArmModel& model);
-  /// @param view  nominal. @param fit  by which shapes are measured.
-  /// @throws std::invalid_argument naming the value and its rule, or if the view has another number
-  ///     of sections.
+  /// @param view  nominal, of this arm. @param fit  by which shapes are measured.
   TipCompliance(const statics::ArmModel& model, const ArmView& view, const TwistFitOptions& fit);
   ~TipCompliance();
   TipCompliance(TipCompliance&&) noexcept;
@@ -51,7 +49,6 @@ class TipCompliance {
   /// from that, or if other tags are seen.
   /// @param pressure    (n) gauge [Pa]. @param correction  of the model.
   /// @param tags        indices of the fitted tags; nothing: those that face the camera.
-  /// @throws std::invalid_argument on a tag that the layout does not have.
   void moveTo(const Eigen::VectorXd& pressure, const statics::Correction& correction,
               const std::optional<std::vector<int>>& tags = std::nullopt);
 

@@ -1,6 +1,5 @@
 #pragma once
 
-#include <algorithm>
 #include <optional>
 #include <string>
 #include <vector>
@@ -58,23 +57,19 @@ class Coverage {
  public:
   static constexpr int kColumns = 8, kRows = 6;
 
-  explicit Coverage(const cv::Size& size) : size_(size), seen_(kColumns * kRows, false) {}
+  explicit Coverage(const cv::Size& size) : size_(size) {}
 
   void add(const BoardObservation& observation);
   /// Part of the cells that hold a corner, 0 to 1.
   double fraction() const {
-    return static_cast<double>(std::count(seen_.begin(), seen_.end(), true)) / (kColumns * kRows);
+    return static_cast<double>(cv::countNonZero(seen_)) / (kColumns * kRows);
   }
   /// Where the most cells are empty: "top left", "right", "centre", .. Empty if none are.
   std::string emptiest() const;
 
  private:
-  bool isSeen(int column, int row) const {
-    return seen_[static_cast<std::size_t>(row * kColumns + column)];
-  }
-
   cv::Size size_;
-  std::vector<bool> seen_;
+  cv::Matx<uchar, kRows, kColumns> seen_;
 };
 
 /// Chooses pictures of a video or a webcam for a calibration: those in which the board rests, and
@@ -114,21 +109,10 @@ struct MarkerObservation {
 /// @throws std::invalid_argument on an unknown dictionary.
 std::vector<MarkerObservation> findMarkers(const std::string& dictionary, const cv::Mat& gray);
 
-/// An inner corner between two diagonal squares whose markers were both seen.
-struct MarkedCorner {
-  int id;
-  Eigen::Vector2d pixel;  ///< mean of what the two markers tell, not refined [px]
-  double room;            ///< from there to the nearest corner of a marker [px]
-};
-
-/// The largest connected set of corners on which the markers on either side agree to a quarter of a
-/// square. On a board of another number of squares they agree along single rows at most. Neighbours
-/// alone are compared, so that distortion by the lens has no influence.
-/// @param markers  sorted by id, each once.
-std::vector<MarkedCorner> markedCorners(const CharucoBoard& board,
-                                        const std::vector<MarkerObservation>& markers);
-
-/// The inner corners of a ChArUco board in a picture, to a fraction of a pixel.
+/// The inner corners of a ChArUco board in a picture, to a fraction of a pixel: the largest
+/// connected set on which the markers on either side agree to a quarter of a square. On a board of
+/// another number of squares they agree along single rows at most. Neighbours alone are compared,
+/// so that distortion by the lens has no influence.
 /// @param board  valid.
 /// @param gray   (CV_8UC1).
 BoardObservation charucoObservation(const CharucoBoard& board, const std::string& name,
@@ -148,9 +132,6 @@ struct CameraCalibrationOptions {
   static constexpr int kLeastViews = 5;
   /// Largest standard error of a focal length that counts as determined, relative to it.
   static constexpr double kMostFocalError = 0.02;
-
-  /// @throws std::invalid_argument naming the value and its rule.
-  void validate() const;
 };
 
 /// One intrinsic parameter.
@@ -198,7 +179,6 @@ struct CameraCalibration {
 /// scales the distances.
 /// @param parts   of the board.
 /// @param observations  pictures of the board, all of this size.
-/// @throws std::invalid_argument on options that break their rules.
 CameraCalibration calibrateCamera(const BoardParts& parts, const cv::Size& size,
                                   const std::vector<BoardObservation>& observations,
                                   const CameraCalibrationOptions& options = {});

@@ -16,11 +16,7 @@ struct WebcamConfig {
   double fps = 30.0;               ///< > 0 [Hz]
   /// Fixed focus, so that the focal length stays as calibrated; in the driver's units, >= 0.
   int focus = 0;
-  int exposure = 157;            ///< fixed; in the driver's units (often 100 us), >= 0
-  double reconnect_after = 1.0;  ///< time between attempts to reopen, >= 0 [s]
-
-  /// @throws std::invalid_argument naming the value and its rule.
-  void validate() const;
+  int exposure = 157;  ///< fixed; in the driver's units (often 100 us), >= 0
 };
 
 /// How tags are searched for.
@@ -61,9 +57,6 @@ struct LocalizerConfig {
   /// Fewest visible tags of the arm for a measurement, >= 2; of bodies >= 1.
   int min_tags = 2;
   bool frame_known = true;  ///< of the poses of bodies; else none of them is measured
-
-  /// @throws std::invalid_argument naming the value and its rule.
-  void validate() const;
 };
 
 }  // namespace helix_arm::vision

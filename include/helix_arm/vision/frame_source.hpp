@@ -65,7 +65,6 @@ class FrameSource {
 
   /// Unplugged cameras are reopened as soon as they are back. A camera that does not accept the
   /// size, the format, the focus or the exposure is a fault too. No fault throws.
-  /// @throws std::invalid_argument naming the value and its rule.
   static std::unique_ptr<FrameSource> webcam(const WebcamConfig& config);
   /// Like webcam(), with any device.
   /// @param reconnect_after  time between attempts to reopen [s].

@@ -2,7 +2,6 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -34,17 +33,13 @@ class JpegDecoder {
 class JpegEncoder {
  public:
   /// @param quality  1 to 100.
-  /// @throws std::invalid_argument on any other quality.
-  explicit JpegEncoder(int quality);
+  explicit JpegEncoder(int quality) : quality_(quality) {}
 
   /// @param gray  (CV_8UC1), not empty.
-  /// @throws std::invalid_argument on any other picture, std::runtime_error on one that is too
-  /// large.
-  std::vector<std::uint8_t> encode(const cv::Mat& gray);
+  /// @throws std::runtime_error on one that is too large.
+  std::vector<std::uint8_t> encode(const cv::Mat& gray) const;
 
  private:
-  std::unique_ptr<void, void (*)(void*)> codec_;
-  std::vector<std::uint8_t> buffer_;  // for the worst case
   int quality_;
 };
 

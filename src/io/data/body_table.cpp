@@ -5,7 +5,6 @@
 #include <array>
 #include <cmath>
 #include <sstream>
-#include <utility>
 
 #include "helix_arm/basics/pi.hpp"
 #include "helix_arm/basics/quote.hpp"
@@ -46,6 +45,16 @@ struct BodyColumns {
   std::array<int, 4> rotation = {-1, -1, -1, -1};  // x, y, z, w; without w a vector of angles
   double length = 1.0, angle = 1.0;                // [m], [rad]
 
+  // Column k holds the entry `axis` of a rotation ('R') or of a position, in this unit.
+  void set(std::size_t k, char kind, int axis, double unit) {
+    if (kind == 'R') {
+      rotation[static_cast<std::size_t>(axis)] = static_cast<int>(k);
+      angle = unit;
+    } else if (axis < 3) {
+      position[static_cast<std::size_t>(axis)] = static_cast<int>(k);
+      length = unit;
+    }
+  }
   bool hasPosition() const { return *std::min_element(position.begin(), position.end()) >= 0; }
   bool hasRotation() const { return rotation[0] >= 0 && rotation[1] >= 0 && rotation[2] >= 0; }
 };
@@ -118,18 +127,14 @@ std::optional<Layout> motiveLayout(const std::vector<CellTexts>& head,
   out.time = 1;
   const CellTexts &axes = head[out.first_row - 1], &kinds = head[out.first_row - 2];
   for (const std::string& name : names) {
-    BodyColumns body;
-    body.length = length;
+    BodyColumns& body = out.bodies.emplace_back();
     for (std::size_t k = 2; k < axes.size(); ++k) {
       const bool is_body = types == nullptr || cellAt(*types, k) == "Rigid Body";
       const int axis = axisOf(axes[k]);
       if (!is_body || cellAt(*titles, k) != name || axis < 0) continue;
-      if (cellAt(kinds, k) == "Rotation") body.rotation[static_cast<std::size_t>(axis)] = int(k);
-      if (cellAt(kinds, k) == "Position" && axis < 3) {
-        body.position[static_cast<std::size_t>(axis)] = int(k);
-      }
+      if (cellAt(kinds, k) == "Rotation") body.set(k, 'R', axis, 1.0);
+      if (cellAt(kinds, k) == "Position") body.set(k, 'T', axis, length);
     }
-    out.bodies.push_back(body);
   }
   return out;
 }
@@ -147,7 +152,7 @@ std::optional<Layout> viconLayout(const std::vector<CellTexts>& head,
   out.time = 0;
   out.rate = parseNumber(cellAt(*(axes - 2), 0));
   for (const std::string& name : names) {
-    BodyColumns body;
+    BodyColumns& body = out.bodies.emplace_back();
     std::string title;  // stands above the first of its columns
     for (std::size_t k = 2; k < axes->size(); ++k) {
       if (const std::string& here = cellAt(titles, k); !here.empty()) title = here;
@@ -155,15 +160,8 @@ std::optional<Layout> viconLayout(const std::vector<CellTexts>& head,
       const std::string& cell = (*axes)[k];
       const int axis = axisOf(cell);
       if ((title != name && after != name) || axis < 0) continue;
-      if (cell[0] == 'R') {
-        body.rotation[static_cast<std::size_t>(axis)] = int(k);
-        body.angle = unitOf(cellAt(units, k));
-      } else if (cell[0] == 'T' && axis < 3) {
-        body.position[static_cast<std::size_t>(axis)] = int(k);
-        body.length = unitOf(cellAt(units, k));
-      }
+      if (cell[0] == 'R' || cell[0] == 'T') body.set(k, cell[0], axis, unitOf(cellAt(units, k)));
     }
-    out.bodies.push_back(body);
   }
   return out;
 }
@@ -200,9 +198,7 @@ std::optional<lie::SE3> poseOf(const CellTexts& row, const BodyColumns& body, in
   for (int i = 0; i < 3; ++i) r[i] = number(body.rotation[std::size_t(i)], body.angle);
   if (!r.allFinite()) return std::nullopt;
   if (body.rotation[3] < 0) {
-    lie::Vector6 turn = lie::Vector6::Zero();
-    turn.tail<3>() = r;
-    X.rotation = lie::SE3::exp(turn).rotation;
+    X.rotation = Eigen::AngleAxisd(r.norm(), r.normalized()).toRotationMatrix();
     return X;
   }
   const Eigen::Quaterniond q(number(body.rotation[3], 1), r.x() / body.angle, r.y() / body.angle,

@@ -383,9 +383,8 @@ class TableReader {
              "; expected commas between the cells, and points in numbers");
       return false;
     }
-    if (std::all_of(cells.begin(), cells.end(), [](const std::string_view cell) {
-          return parseNumber(std::string(cell)).has_value();
-        })) {
+    if (std::all_of(cells.begin(), cells.end(),
+                    [](const std::string_view cell) { return parseNumber(cell).has_value(); })) {
       refuse(line, "holds numbers alone; expected a header of column names with their units first");
       return false;
     }
@@ -431,7 +430,7 @@ class TableReader {
     if (cells.size() != columns) {
       return complain(line, "has ", count, " cells; expected ", columns, ", one per column");
     }
-    const bool unseen = seen_ >= 0 && parseNumber(std::string(cells[seen_])) == 0.0;
+    const bool unseen = seen_ >= 0 && parseNumber(cells[seen_]) == 0.0;
     for (std::size_t i = 0; i < columns; ++i) {
       const bool none = uses_[i] == Use::kNone || (unseen && isAmong(data_.columns[i], kMeasured));
       const Cell read = none                         ? Cell(0.0)
@@ -459,8 +458,7 @@ class TableReader {
   Cell numberOf(std::string_view cell) {
     if (cell.empty()) return "is empty; expected a finite number";
     if (cell.size() > kLongestCell) return atMost(cell.size(), " characters", kLongestCell);
-    cell_.assign(cell);
-    const std::optional<double> number = parseNumber(cell_);
+    const std::optional<double> number = parseNumber(cell);
     if (!number) return "is not a finite number; expected one";
     if (std::abs(*number) <= kLargest) return *number;
     return "is too large; expected at most " + formatNumber(kLargest);
@@ -473,10 +471,32 @@ class TableReader {
   std::vector<double> cells_;                  // in row order, 0 where nothing is read
   std::map<std::string, std::size_t> trials_;  // by their names
   std::size_t rows_ = 0;
-  int seen_ = -1;  // column
-  std::string cell_;
+  int seen_ = -1;      // column
   bool full_ = false;  // the rest is not read
 };
+
+// How to convert a pressure column to kilopascals; empty for other columns.
+std::string unitsRemedy(const std::string& name) {
+  const struct {
+    const char *unit, *factor;
+  } units[] = {{"_psi", "6.894757"}, {"_mbar", "0.1"}, {"_bar", "100"}, {"_mpa", "1000"}};
+  for (const auto& [unit, factor] : units) {
+    const std::size_t size = std::char_traits<char>::length(unit);
+    if (name.size() > size && name.compare(name.size() - size, size, unit) == 0) {
+      return std::string("; multiply it by ") + factor + " and rename it _kpa";
+    }
+  }
+  return "";
+}
+
+// Unit of a time that cannot be in seconds, since it would be beyond the year 5000; else null.
+const char* unitOfTime(double time) {
+  const double size = std::abs(time);
+  return size < 1e11   ? nullptr
+         : size < 1e14 ? "milliseconds"
+         : size < 1e17 ? "microseconds"
+                       : "nanoseconds";
+}
 
 // @param content  nothing after a fault.
 DataSet parsed(const std::string& name, const std::optional<std::string>& content,
@@ -522,24 +542,6 @@ void requireColumns(const DataSet& data, const std::vector<std::string>& columns
   faults.add(0, "has no column " + basics::joined(missing) + "; expected " + expected);
   faults.throwIfAny();
 }
-
-namespace {
-
-// How to convert a pressure column to kilopascals; empty for other columns.
-std::string unitsRemedy(const std::string& name) {
-  const struct {
-    const char *unit, *factor;
-  } units[] = {{"_psi", "6.894757"}, {"_mbar", "0.1"}, {"_bar", "100"}, {"_mpa", "1000"}};
-  for (const auto& [unit, factor] : units) {
-    const std::size_t size = std::char_traits<char>::length(unit);
-    if (name.size() > size && name.compare(name.size() - size, size, unit) == 0) {
-      return std::string("; multiply it by ") + factor + " and rename it _kpa";
-    }
-  }
-  return "";
-}
-
-}  // namespace
 
 DataSet loadDataSet(const std::string& path, const std::vector<std::string>& skipped) {
   FaultList faults(path);
@@ -603,19 +605,6 @@ Eigen::MatrixXd pressuresOf(const DataSet& data, int actuators) {
   faults.throwIfAny();
   return pressures;
 }
-
-namespace {
-
-// Unit of a time that cannot be in seconds, since it would be beyond the year 5000; else null.
-const char* unitOfTime(double time) {
-  const double size = std::abs(time);
-  return size < 1e11   ? nullptr
-         : size < 1e14 ? "milliseconds"
-         : size < 1e17 ? "microseconds"
-                       : "nanoseconds";
-}
-
-}  // namespace
 
 model::InputHistory historyOf(const DataSet& data, int actuators) {
   return historyOf(data, pressuresOf(data, actuators));

@@ -6,7 +6,6 @@
 #include <sstream>
 #include <utility>
 
-#include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/number.hpp"
 
@@ -43,11 +42,12 @@ void requireTagColumns(const DataSet& data, const std::vector<std::string>& colu
 // The captures of a table in the order in which each appears first.
 // @param readTag  makes a tag, which has an id and a line, from its id and row.
 // @throws DocumentError with all faults.
-template <class Capture, class ReadTag>
-std::vector<Capture> readTagTable(const DataSet& data, int actuators, ReadTag readTag) {
+template <class Tag, class ReadTag>
+std::vector<TagCapture<Tag>> readTagTable(const DataSet& data, int actuators, ReadTag readTag) {
   const Eigen::MatrixXd pressures = pressuresOf(data, actuators);
+  const int time = data.find("time_s");
   FaultList faults(data.path);
-  std::vector<Capture> captures;
+  std::vector<TagCapture<Tag>> captures;
   std::map<int, std::size_t> index;
   std::map<std::pair<int, int>, int> lines;  // of each capture and tag
   for (int i = 0; i < data.values.rows(); ++i) {
@@ -57,7 +57,8 @@ std::vector<Capture> readTagTable(const DataSet& data, int actuators, ReadTag re
     const Eigen::VectorXd pressure = pressures.row(i);
     const auto [found, is_new] = index.emplace(number, captures.size());
     if (is_new) captures.push_back({number, pressure, {}});
-    Capture& capture = captures[found->second];
+    TagCapture<Tag>& capture = captures[found->second];
+    if (is_new && time >= 0) capture.time = data.values(i, time);
     if (capture.pressure != pressure) {
       faults.add(row.line(), "has other pressures than its capture; expected those of line " +
                                  std::to_string(capture.tags.front().line));
@@ -83,22 +84,9 @@ lie::SE3 readPoseCells(const TagRow& at) {
 
 const std::vector<std::string> kPoseColumns = {"x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"};
 
-// The times of captures, where the table has them.
-template <class Capture>
-std::vector<Capture> timed(std::vector<Capture> captures, const DataSet& data) {
-  const int time = data.find("time_s");
-  for (Capture& capture : captures) {
-    if (time < 0) break;
-    const auto line =
-        std::lower_bound(data.lines.begin(), data.lines.end(), capture.tags.front().line);
-    capture.time = data.values(line - data.lines.begin(), time);
-  }
-  return captures;
-}
-
 // @param columns  after that of the tag. @param numbersOf  a tag's values of these.
-template <class Capture, class NumbersOf>
-std::string tableText(const std::vector<Capture>& captures, int actuators,
+template <class Tag, class NumbersOf>
+std::string tableText(const std::vector<TagCapture<Tag>>& captures, int actuators,
                       const std::string& comment, const std::vector<std::string>& columns,
                       const NumbersOf& numbersOf) {
   std::ostringstream text;
@@ -112,9 +100,7 @@ std::string tableText(const std::vector<Capture>& captures, int actuators,
   text << ",tag";
   for (const std::string& column : columns) text << "," << column;
   text << "\n";
-  for (const Capture& capture : captures) {
-    basics::require(capture.pressure.size() == actuators, "table of tags: capture ", capture.number,
-                    " has ", capture.pressure.size(), " pressures; expected ", actuators);
+  for (const TagCapture<Tag>& capture : captures) {
     for (const auto& tag : capture.tags) {
       text << capture.number;
       if (has_times) text << "," << formatNumber(*capture.time);
@@ -147,26 +133,19 @@ Eigen::Matrix3d rotationOf(const Eigen::Quaterniond& q, int line, FaultList& fau
 
 std::vector<TagPoseCapture> loadTagPoses(const DataSet& data, int actuators, const lie::SE3& X_BF) {
   requireTagColumns(data, kPoseColumns);
-  return timed(
-      readTagTable<TagPoseCapture>(data, actuators,
-                                   [&X_BF](int id, const TagRow& row) {
-                                     return TagPose{id, X_BF * readPoseCells(row), row.line()};
-                                   }),
-      data);
+  return readTagTable<TagPose>(data, actuators, [&X_BF](int id, const TagRow& row) {
+    return TagPose{id, X_BF * readPoseCells(row), row.line()};
+  });
 }
 
 std::vector<TagCornerCapture> loadTagCorners(const DataSet& data, int actuators) {
   const std::vector<std::string> columns = cornerColumns();
   requireTagColumns(data, columns);
-  return timed(readTagTable<TagCornerCapture>(data, actuators,
-                                              [&columns](int id, const TagRow& row) {
-                                                TagCorners tag{id, {}, row.line()};
-                                                for (int i = 0; i < tag.corners.size(); ++i) {
-                                                  tag.corners(i) = row[columns[i]];
-                                                }
-                                                return tag;
-                                              }),
-               data);
+  return readTagTable<TagCorners>(data, actuators, [&columns](int id, const TagRow& row) {
+    TagCorners tag{id, {}, row.line()};
+    for (int i = 0; i < tag.corners.size(); ++i) tag.corners(i) = row[columns[i]];
+    return tag;
+  });
 }
 
 std::string tagCornerCsv(const std::vector<TagCornerCapture>& captures, int actuators,

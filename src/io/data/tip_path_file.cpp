@@ -7,22 +7,13 @@
 #include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/statics/inverse.hpp"
+#include "io/document/document.hpp"
 
 namespace helix_arm::io {
 namespace {
 
 const char* const kTimeColumn = "time_s";
 const char* const kAxes[] = {"x_m", "y_m", "z_m"};
-
-void requireRows(const DataSet& data) {
-  const auto rows = static_cast<std::size_t>(data.values.rows());
-  if (rows >= control::kFewestWayPoints && rows <= control::kMostWayPoints) return;
-  FaultList faults(data.path);
-  faults.add(0, "has " + std::to_string(rows) + (rows == 1 ? " row" : " rows") + "; expected " +
-                    std::to_string(control::kFewestWayPoints) + " to " +
-                    std::to_string(control::kMostWayPoints) + " points of a path");
-  faults.throwIfAny();
-}
 
 void checkTime(const DataSet& data, const std::vector<control::TipWayPoint>& points, int row,
                FaultList& faults) {
@@ -44,9 +35,13 @@ void checkTime(const DataSet& data, const std::vector<control::TipWayPoint>& poi
 std::vector<control::TipWayPoint> loadTipPath(const DataSet& data) {
   const std::vector<std::string> columns{kTimeColumn, kAxes[0], kAxes[1], kAxes[2]};
   requireColumns(data, columns, basics::joined(columns));
-  requireRows(data);
   FaultList faults(data.path);
   std::vector<control::TipWayPoint> points(static_cast<std::size_t>(data.values.rows()));
+  if (points.size() < control::kFewestWayPoints || points.size() > control::kMostWayPoints) {
+    report(faults, {}, "has ", points.size(), points.size() == 1 ? " row" : " rows", "; expected ",
+           control::kFewestWayPoints, " to ", control::kMostWayPoints, " points of a path");
+    faults.throwIfAny();
+  }
   for (int row = 0; row < data.values.rows(); ++row) {
     control::TipWayPoint& point = points[row];
     point.time = data.values(row, data.find(kTimeColumn));

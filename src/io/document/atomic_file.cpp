@@ -13,13 +13,12 @@
 #include <unistd.h>
 
 #include "helix_arm/basics/quote.hpp"
+#include "helix_arm/basics/text.hpp"
 
 namespace helix_arm::io {
 namespace {
 
 namespace fs = std::filesystem;
-
-constexpr char kDigits[] = "0123456789abcdef";
 
 [[noreturn]] void refuse(const std::string& path, const std::string& reason,
                          const std::string& remedy) {
@@ -30,13 +29,6 @@ constexpr char kDigits[] = "0123456789abcdef";
   const bool full = error == ENOSPC || error == EDQUOT || error == EFBIG;
   refuse(path, std::strerror(error),
          full ? "free disk space, or choose another path" : "choose another path");
-}
-
-std::string temporaryName(const std::string& name) {
-  std::random_device random;
-  std::string out = "." + name + ".";
-  for (int i = 0; i < 16; ++i) out += kDigits[random() & 15];
-  return out + ".tmp";
 }
 
 // The file that a path leads to, which may not exist yet.
@@ -90,9 +82,7 @@ class Sha256 {
     unsigned int size = 0;
     check(EVP_DigestFinal_ex(context_.get(), digest.data(), &size) == 1);
     std::string text;
-    for (unsigned int i = 0; i < 2 * size; ++i) {
-      text += kDigits[i % 2 == 0 ? digest[i / 2] >> 4 : digest[i / 2] & 15];
-    }
+    for (unsigned int i = 0; i < size; ++i) text += basics::format("%02x", digest[i]);
     return text;
   }
 
@@ -107,34 +97,28 @@ class Sha256 {
 
 }  // namespace
 
-// Once the other constructor is done, the destructor cleans up, even if this one throws.
-AtomicFile::AtomicFile(const std::string& path) : AtomicFile(path, targetOf(path)) {
+AtomicFile::AtomicFile(const std::string& path) : path_(path), target_(targetOf(path)) {
   const fs::path target(target_);
-  const fs::path directory = target.has_parent_path() ? target.parent_path() : ".";
-  name_ = target.filename();
   struct stat present {};
   const bool exists = ::stat(target_.c_str(), &present) == 0;
-  folder_ = ::open(directory.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-  if (folder_ < 0) refuse(path_, errno);
-  std::string temporary;
-  do {
-    temporary = temporaryName(name_);
-    constexpr int kNew = O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC;
-    file_ = ::openat(folder_, temporary.c_str(), kNew, 0666);
-  } while (file_ < 0 && errno == EEXIST);
+  std::random_device random;
+  temporary_ = target.parent_path() /
+               basics::format(".%s.%08x%08x.tmp", target.filename().c_str(), random(), random());
+  constexpr int kNew = O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC;
+  file_ = ::open(temporary_.c_str(), kNew, 0666);
   if (file_ < 0) refuse(path_, errno);
-  temporary_ = temporary;
-  if (exists && ::fchmod(file_, present.st_mode & 07777) != 0) refuse(path_, errno);
+  if (exists && ::fchmod(file_, present.st_mode & 07777) != 0) {
+    const int error = errno;
+    discard();
+    refuse(path_, error);
+  }
 }
 
-AtomicFile::AtomicFile(std::string path, std::string target)
-    : path_(std::move(path)), target_(std::move(target)) {}
+AtomicFile::~AtomicFile() { discard(); }
 
-AtomicFile::~AtomicFile() {
-  if (!temporary_.empty()) ::unlinkat(folder_, temporary_.c_str(), 0);
-  for (const int open : {file_, folder_}) {
-    if (open >= 0) ::close(open);
-  }
+void AtomicFile::discard() {
+  if (!temporary_.empty()) ::unlink(temporary_.c_str());
+  ::close(file_);
 }
 
 void AtomicFile::write(std::string_view bytes) {
@@ -153,15 +137,20 @@ void AtomicFile::writeOver(std::size_t place, std::string_view bytes) {
 }
 
 void AtomicFile::commit() {
-  if (::fsync(file_) != 0 || ::renameat(folder_, temporary_.c_str(), folder_, name_.c_str()) != 0) {
+  if (::fsync(file_) != 0 || ::rename(temporary_.c_str(), target_.c_str()) != 0) {
     refuse(path_, errno);
   }
   temporary_.clear();
+  const fs::path folder = fs::absolute(target_).parent_path();
+  const int opened = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  const bool synced = opened >= 0 && ::fsync(opened) == 0;
+  const int error = errno;
+  ::close(opened);
   // Not every file system can sync a folder; those that cannot return EINVAL.
-  if (::fsync(folder_) != 0 && errno != EINVAL) {
+  if (!synced && error != EINVAL) {
     throw FileError(basics::printable(path_) +
                     " is written, but a loss of power may undo it: its folder cannot be synced: " +
-                    std::strerror(errno) + "; check the disk");
+                    std::strerror(error) + "; check the disk");
   }
 }
 

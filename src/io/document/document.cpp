@@ -173,17 +173,6 @@ std::optional<Value> parse(const std::string& text, const std::optional<std::str
   return std::nullopt;
 }
 
-bool isOf(const DocumentKind& kind, const Value& document) {
-  return static_cast<std::size_t>(std::count_if(
-             kind.telling.begin(), kind.telling.end(),
-             [&](const std::string& key) { return document.find(key) != nullptr; })) >= kind.needed;
-}
-
-std::string kindOf(const Value& document) {
-  if (document.kind == Value::Kind::kText) return "a text";
-  return document.describe() + (document.kind == Value::Kind::kMap ? " of other keys" : "");
-}
-
 // The parts of `arm.sections.0.name`, or of `arm.sections[0].name`, as messages write it.
 std::vector<std::string> splitKey(const std::string& key) {
   std::vector<std::string> parts(1);
@@ -195,20 +184,6 @@ std::vector<std::string> splitKey(const std::string& key) {
     }
   }
   return parts;
-}
-
-// The list entry with the index `part`; null if there is none.
-Value* entryOf(Value& list, const std::string& part) {
-  for (std::size_t i = 0; i < list.entries.size(); ++i) {
-    if (part == std::to_string(i)) return &list.entries[i].value;
-  }
-  return nullptr;
-}
-
-Value* childOf(Value& map, const std::string& key, const Place& place) {
-  if (Value* const present = findValue(map, key)) return present;
-  map.entries.push_back({key, {Value::Kind::kMap, {}, false, {}, place}});
-  return &map.entries.back().value;
 }
 
 bool isFlat(const Value& list) {
@@ -288,14 +263,6 @@ std::string Value::describe() const {
   return "empty";
 }
 
-void report(FaultList& faults, const Place& place, const std::string& fault) {
-  if (place.override_key) {
-    faults.add(0, "--set " + *place.override_key + ": " + fault);
-  } else {
-    faults.add(place.line, fault);
-  }
-}
-
 std::string joinPath(const std::string& parent, const std::string& key) {
   if (parent.empty() || key.empty()) return parent + key;
   return parent + "." + key;
@@ -311,11 +278,15 @@ std::optional<Value> parseDocument(const std::string& text, const DocumentKind& 
                                    FaultList& faults) {
   FaultList found = faults.ofSameFile();
   std::optional<Value> document = parse(text, std::nullopt, {}, found);
-  if (!document || isOf(kind, *document)) {
+  const auto isThere = [&](const std::string& key) { return document->find(key) != nullptr; };
+  if (!document || static_cast<std::size_t>(std::count_if(kind.telling.begin(), kind.telling.end(),
+                                                          isThere)) >= kind.needed) {
     faults.append(found);
     return document;
   }
-  report(faults, document->place, "the document is ", kindOf(*document), "; expected a map of ",
+  const bool is_text = document->kind == Value::Kind::kText;
+  report(faults, document->place, "the document is ", is_text ? "a text" : document->describe(),
+         document->kind == Value::Kind::kMap ? " of other keys" : "", "; expected a map of ",
          alternatives(kind.keys));
   return std::nullopt;
 }
@@ -331,19 +302,23 @@ void applyOverride(Value& document, const Override& change, FaultList& faults) {
       return report(faults, place, "is not a key; expected words and numbers separated by dots");
     }
     if (target->kind == Value::Kind::kList) {
-      Value* entry = entryOf(*target, part);
-      if (entry == nullptr) {
+      std::size_t index = 0;
+      while (index < target->entries.size() && part != std::to_string(index)) ++index;
+      if (index == target->entries.size()) {
         return report(faults, place, nameOf(path), " has ", target->entries.size(),
                       " entries; expected an index from 0, not ", part);
       }
-      target = entry;
+      target = &target->entries[index].value;
       path += "[" + part + "]";
     } else if (target->kind == Value::Kind::kText) {
       return report(faults, place, nameOf(path), " is ", target->describe(),
                     "; expected a map or a list");
     } else {
       target->kind = Value::Kind::kMap;
-      target = childOf(*target, part, place);
+      if (findValue(*target, part) == nullptr) {
+        target->entries.push_back({part, {Value::Kind::kMap, {}, false, {}, place}});
+      }
+      target = findValue(*target, part);
       path = joinPath(path, part);
     }
   }

@@ -50,12 +50,11 @@ struct Value::Entry {
   Value value;
 };
 
-/// Adds a fault at a place.
-void report(FaultList& faults, const Place& place, const std::string& fault);
-/// The same with the concatenated parts of the fault.
+/// Adds a fault at a place: its concatenated parts.
 template <class... Parts>
 void report(FaultList& faults, const Place& place, const Parts&... fault) {
-  report(faults, place, basics::messageOf(fault...));
+  const std::string from = place.override_key ? "--set " + *place.override_key + ": " : "";
+  faults.add(place.line, basics::messageOf(from, fault...));
 }
 
 /// `parent.key`, or the key alone at the top.

@@ -18,10 +18,6 @@ std::string shortened(const std::string& text, std::size_t most) {
   return text.substr(0, end) + "...";
 }
 
-bool endsWith(const std::string& text, const std::string& end) {
-  return text.size() >= end.size() && text.compare(text.size() - end.size(), end.size(), end) == 0;
-}
-
 }  // namespace
 
 void FaultList::add(int line, const std::string& fault) {
@@ -30,8 +26,11 @@ void FaultList::add(int line, const std::string& fault) {
   // Whatever a document holds: one fault is one line.
   const std::string text = " " + basics::printable(shortened(fault, kMostBytes));
   // A column of another kind breaks its rule in every row of a table.
-  const auto alike = std::count_if(faults_.begin(), faults_.end(),
-                                   [&text](const auto& kept) { return endsWith(kept, text); });
+  const auto alike =
+      std::count_if(faults_.begin(), faults_.end(), [&text](const std::string& kept) {
+        return kept.size() >= text.size() &&
+               kept.compare(kept.size() - text.size(), text.size(), text) == 0;
+      });
   if (alike >= kMostAlike) return;
   faults_.push_back(basics::printable(file_) + (line > 0 ? ":" + std::to_string(line) : "") + text);
 }

@@ -1,25 +1,19 @@
 #include "helix_arm/io/number.hpp"
 
 #include <algorithm>
+#include <charconv>
 #include <cmath>
 #include <limits>
-#include <locale>
-#include <sstream>
 
 namespace helix_arm::io {
 
-std::optional<double> parseNumber(const std::string& text) {
-  // Constructing a stream takes longer than reading a number, and tables have millions of them.
-  thread_local std::istringstream stream;
-  stream.imbue(std::locale::classic());
-  stream.clear();
-  stream.str(text);
+std::optional<double> parseNumber(std::string_view text) {
+  // std::from_chars takes no plus sign.
+  if (text.size() > 1 && text[0] == '+' && text[1] != '-') text.remove_prefix(1);
+  const char* const end = text.data() + text.size();
   double value = 0.0;
-  if (!(stream >> std::noskipws >> value) ||
-      stream.peek() != std::istringstream::traits_type::eof()) {
-    return std::nullopt;
-  }
-  if (!std::isfinite(value)) return std::nullopt;
+  const auto [last, error] = std::from_chars(text.data(), end, value);
+  if (error != std::errc() || last != end || !std::isfinite(value)) return std::nullopt;
   return value;
 }
 
@@ -33,13 +27,13 @@ double kilopascals(double pa) {
 }
 
 std::string formatNumber(double value) {
-  constexpr int kAlwaysEnough = std::numeric_limits<double>::max_digits10;
+  char text[32];
   for (int digits = std::numeric_limits<double>::digits10;; ++digits) {
-    std::ostringstream stream;
-    stream.imbue(std::locale::classic());
-    stream.precision(digits);
-    stream << value;
-    if (digits == kAlwaysEnough || parseNumber(stream.str()) == value) return stream.str();
+    const char* const end =
+        std::to_chars(text, text + sizeof text, value, std::chars_format::general, digits).ptr;
+    const std::string_view written(text, static_cast<std::size_t>(end - text));
+    const bool exact = parseNumber(written) == value;
+    if (exact || digits == std::numeric_limits<double>::max_digits10) return std::string(written);
   }
 }
 

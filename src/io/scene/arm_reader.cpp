@@ -1,14 +1,10 @@
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
-#include <string>
-#include <vector>
 
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/io/load_arm.hpp"
 #include "helix_arm/statics/loaded.hpp"
-#include "io/document/document.hpp"
-#include "io/document/map_reader.hpp"
 #include "scene_readers.hpp"
 
 namespace helix_arm::io {

@@ -1,8 +1,5 @@
 #include <algorithm>
-#include <string>
-#include <vector>
 
-#include "io/document/map_reader.hpp"
 #include "scene_readers.hpp"
 
 namespace helix_arm::io {

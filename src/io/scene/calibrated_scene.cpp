@@ -68,21 +68,17 @@ Eigen::VectorXd vectorOf(const double* numbers, std::size_t count) {
   return Eigen::Map<const Eigen::VectorXd>(numbers, static_cast<Eigen::Index>(count));
 }
 
-Value curveValue(const estimation::ContractionFit& fit) {
-  Value curve = mapOf({}), value = mapOf({});
+Value curveValue(estimation::ContractionFit fit) {
+  std::vector<double> coefficients(fit.coefficients.begin(), fit.coefficients.end());
   const bool quintic = fit.kind == estimation::CurveKind::kQuintic;
-  if (quintic) {
-    setValue(curve, "coefficients_m",
-             numbersValue(vectorOf(fit.coefficients.data(), fit.coefficients.size())));
-    for (const char* key : {"reference_pressure_kpa", "max_pressure_kpa"}) {
-      setValue(curve, key, numberValue(kilopascals(fit.reference_pressure)));
-    }
-  } else {
-    const Eigen::VectorXd pressures = vectorOf(fit.pressures.data(), fit.pressures.size());
-    setValue(curve, "pressure_kpa", numbersValue(pressures.unaryExpr(&kilopascals)));
-    setValue(curve, "length_m", numbersValue(vectorOf(fit.lengths.data(), fit.lengths.size())));
-  }
-  setValue(value, quintic ? "quintic" : "table", std::move(curve));
+  const Value curve =
+      quintic ? mapOf({{"coefficients_m", Numbers{kFinite}, coefficients},
+                       {"reference_pressure_kpa", kPressure, fit.reference_pressure, kKilo},
+                       {"max_pressure_kpa", kPressure, fit.reference_pressure, kKilo}})
+              : mapOf({{"pressure_kpa", Numbers{kPressure}, fit.pressures, kKilo},
+                       {"length_m", Numbers{kLength}, fit.lengths}});
+  Value value = mapOf({});
+  setValue(value, quintic ? "quintic" : "table", curve);
   return value;
 }
 
@@ -124,26 +120,26 @@ void putContraction(const Scene& scene, const std::string& name,
 }
 
 // Replaces the response of a curve; an instant one is removed.
-void putResponse(const Scene& scene, const std::string& name, const model::Response& response,
+void putResponse(const Scene& scene, const std::string& name, model::Response response,
                  Value& document) {
   Value& contraction = contractionOf(scene, name, document);
   if (response.instant()) return eraseValue(contraction, kResponseKey);
-  Value keys = mapOf({});
-  setValue(keys, "rise_time_constant_s", numberValue(response.rise_time));
-  setValue(keys, "fall_time_constant_s", numberValue(response.fall_time));
+  Value keys = mapOf({{"rise_time_constant_s", kNotNegative, response.rise_time},
+                      {"fall_time_constant_s", kNotNegative, response.fall_time}});
   if (response.play_count > 0) {
-    Eigen::VectorXd reach(response.play_count), weight(response.play_count);
+    std::vector<double> reach, weight;
     for (int j = 0; j < response.play_count; ++j) {
-      const model::Response::Play& play = response.plays[static_cast<std::size_t>(j)];
-      reach[j] = kilopascals(play.reach);
-      weight[j] = play.weight;
+      reach.push_back(response.plays[static_cast<std::size_t>(j)].reach);
+      weight.push_back(response.plays[static_cast<std::size_t>(j)].weight);
     }
-    setValue(keys, "play_kpa", numbersValue(reach));
-    setValue(keys, "play_weight", numbersValue(weight));
+    writeKeys({{"play_kpa", Numbers{kPressure}, reach, kKilo},
+               {"play_weight", Numbers{kNotNegative}, weight}},
+              keys);
   }
   if (response.slow_time > 0) {
-    setValue(keys, "slow_time_constant_s", numberValue(response.slow_time));
-    setValue(keys, "slow_weight", numberValue(response.slow_weight));
+    writeKeys({{"slow_time_constant_s", kNotNegative, response.slow_time},
+               {"slow_weight", kNotNegative, response.slow_weight}},
+              keys);
   }
   setValue(contraction, kResponseKey, std::move(keys));
 }
@@ -230,11 +226,7 @@ void putK_eps(const Scene& scene, double K_eps, const model::StiffnessTable& tab
   }
 }
 
-// @param what  name of the factors in messages.
-void putScales(const Scene& scene, const char* key, const char* what,
-               const Eigen::VectorXd& factors, Value& document) {
-  basics::requireValue(factors.size() == scene.arm.actuatorCount(), "calibratedSceneText", what,
-                       factors.size(), scene.arm.actuatorCount());
+void putScales(const char* key, const Eigen::VectorXd& factors, Value& document) {
   for (const ActuatorEntry& entry : actuatorEntries(document)) {
     Eigen::VectorXd scales = factors.segment(entry.first, entry.count);
     if (const Value* given = entry.keys->find(key)) {
@@ -311,12 +303,10 @@ void putMotionCapture(const MotionCapture& found, Value& document) {
   }
 }
 
-void putCamera(const Scene& scene, const lie::SE3& X_CB, Value& document) {
-  basics::require(scene.camera.has_value(), "calibratedSceneText: the base is seen from a camera, ",
-                  "but scene ", scene.name, " has none; expected one with a camera");
-  lie::SE3 X_WC = scene.X_WB * X_CB.inverse();
+// The pose of a camera's optical frame.
+void putCamera(lie::SE3 X_WC, Value& camera) {
   X_WC.rotation *= kOpticalInBody.transpose();
-  putPose(X_WC, *findValue(document, "camera"));
+  putPose(X_WC, camera);
 }
 
 // The frame in which the poses of a group are given, relative to that of the base curve.
@@ -359,19 +349,11 @@ Value groupOf(const Scene& scene, const Value& mounted, const estimation::TagPla
   return group;
 }
 
-Value& tagsOf(const Scene& scene, Value& document) {
-  basics::require(scene.tags.has_value(), "calibratedSceneText: tags are calibrated, but scene ",
-                  scene.name, " has none; expected one with tags");
-  return *findValue(document, "tags");
-}
-
 void putTags(const Scene& scene, const estimation::TagLayout& layout, Value& document) {
-  if (scene.tags && scene.tags->hasBodies()) {
+  if (scene.hasBodies()) {
     return putBodies(scene, layout, *findValue(document, "bodies"));
   }
-  Value& groups = *findValue(tagsOf(scene, document), "groups");
-  basics::requireValue(layout.tags.size() == scene.tags->tags.size(), "calibratedSceneText",
-                       "the number of tags", layout.tags.size(), scene.tags->tags.size());
+  Value& groups = *findValue(*findValue(document, "tags"), "groups");
   std::vector<Value> placed;
   std::size_t next = 0;
   for (const Value::Entry& entry : groups.entries) {
@@ -395,12 +377,6 @@ void putTags(const Scene& scene, const estimation::TagLayout& layout, Value& doc
   groups = listValue(placed);
 }
 
-void putMode(const estimation::Mode& mode, Value& document) {
-  Value& follow = mapIn(document, "follow");
-  setValue(follow, "mode_hz", numberValue(mode.frequency));
-  setValue(follow, "mode_damping", numberValue(mode.damping));
-}
-
 void putMass(double factor, Value& document) {
   Value& mass = *findValue(*findValue(document, "load"), "mass_kg");
   const auto scaled = [factor](const Value& one) {
@@ -413,15 +389,6 @@ void putMass(double factor, Value& document) {
   }
 }
 
-void putDamping(const dynamics::StrainTimes& damping, Value& document) {
-  Value times = mapOf({});
-  setValue(times, "stretch", numberValue(damping.stretch));
-  setValue(times, "shear", numberValue(damping.shear));
-  setValue(times, "twist", numberValue(damping.twist));
-  setValue(times, "bend", numberValue(damping.bend));
-  setValue(mapIn(document, "dynamics"), "damping_s", std::move(times));
-}
-
 // Applies the changes to the document of a scene: scales last, since they are of the new curves.
 void putCalibration(const Scene& scene, const SceneCalibration& changes, Value& document,
                     FaultList& faults) {
@@ -430,27 +397,31 @@ void putCalibration(const Scene& scene, const SceneCalibration& changes, Value& 
   }
   if (changes.stiffness) putStiffness(*changes.stiffness, changes.bending, document);
   if (changes.K_eps) putK_eps(scene, *changes.K_eps, changes.K_eps_table, document);
-  if (changes.length_scale) {
-    putScales(scene, kLengthScaleKey, "the number of length scales", *changes.length_scale,
-              document);
-  }
+  if (changes.length_scale) putScales(kLengthScaleKey, *changes.length_scale, document);
   if (changes.ring_radius || changes.ring_phase) putRings(changes, document);
   for (const auto& [name, response] : changes.responses) {
     putResponse(scene, name, response, document);
   }
-  if (changes.mode) putMode(*changes.mode, document);
+  if (auto mode = changes.mode) {
+    writeKeys({{"mode_hz", kPositive, mode->frequency}, {"mode_damping", kPositive, mode->damping}},
+              mapIn(document, "follow"));
+  }
   if (changes.mass_factor) putMass(*changes.mass_factor, document);
-  if (changes.damping) putDamping(*changes.damping, document);
-  if (changes.X_CB) putCamera(scene, *changes.X_CB, document);
-  if (changes.X_BF) setValue(tagsOf(scene, document), "frame", poseValue(*changes.X_BF));
+  if (auto damping = changes.damping) {
+    setValue(mapIn(document, "dynamics"), "damping_s", mapOf(dampingKeys(*damping)));
+  }
+  if (changes.X_CB) {
+    putCamera(scene.X_WB * changes.X_CB->inverse(), *findValue(document, "camera"));
+  }
+  if (changes.X_BF) setValue(mapIn(document, "tags"), "frame", poseValue(*changes.X_BF));
   putMotionCapture(changes.motion_capture, document);
   if (changes.tags) putTags(scene, *changes.tags, document);
   for (const auto& [parameter, values] : changes.numbers) {
     if (parameter == estimation::FitParameter::kStrokeScaleEach) {
-      putScales(scene, kStrokeScaleKey, "the number of stroke scales", values, document);
+      putScales(kStrokeScaleKey, values, document);
     }
     if (parameter == estimation::FitParameter::kBorderShift && values[0] != 0) {
-      setValue(tagsOf(scene, document), "size_m", numberValue(scene.tags->size - 2 * values[0]));
+      setValue(mapIn(document, "tags"), "size_m", numberValue(scene.tags->size - 2 * values[0]));
     }
   }
   setValue(document, "calibration", writeProvenance(changes.provenance));
@@ -640,9 +611,7 @@ std::string sceneTextWithCamera(const std::string& path, const std::vector<Overr
   Value& camera = *findValue(document, "camera");
   if (change.intrinsics) putIntrinsics(*change.intrinsics, camera);
   if (change.X_WC) {
-    lie::SE3 X_WC = *change.X_WC;
-    X_WC.rotation *= kOpticalInBody.transpose();
-    putPose(X_WC, camera);
+    putCamera(*change.X_WC, camera);
     forgetBase(document);
   }
   return checkedText("# The camera of this scene was calibrated or placed by helix_arm camera.\n",
@@ -656,7 +625,7 @@ std::string sceneTextWithRig(const std::string& path, const std::vector<Override
   Value document = readSceneDocument(path, overrides, faults).document;
   const Scene scene = makeScene(document, faults);
   if (tags) {
-    setValue(tagsOf(scene, document), "size_m", numberValue(tags->size));
+    setValue(mapIn(document, "tags"), "size_m", numberValue(tags->size));
     putTags(scene, *tags, document);
   }
   if (!channels.empty()) putChannels(scene, channels, document);

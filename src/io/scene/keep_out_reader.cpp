@@ -1,16 +1,12 @@
 // The keys keep_out and clearance_m, the body of a tool, and STL files.
 #include <Eigen/Geometry>
-#include <cmath>
 #include <cstdint>
 #include <cstring>
-#include <map>
-#include <set>
 #include <sstream>
 #include <tuple>
 
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/regular_file.hpp"
-#include "io/document/map_reader.hpp"
 #include "scene_readers.hpp"
 
 namespace helix_arm::io {

@@ -1,32 +1,25 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <limits>
-#include <map>
+#include <regex>
 
 #include "scene_readers.hpp"
 
 namespace helix_arm::io {
 namespace {
 
-constexpr std::size_t kHashDigits = 64;
 // Largest difference of the products of exponents from those of orthogonal unit vectors.
 constexpr double kSkew = 1e-3;
 
-bool isDigit(char c) { return c >= '0' && c <= '9'; }
-
 // A UTC time in ISO 8601; the number of days of the month is not checked.
 bool isUtcTime(const std::string& text) {
-  const std::string form = "0000-00-00T00:00:00Z";
-  if (text.size() != form.size()) return false;
-  return std::equal(text.begin(), text.end(), form.begin(), [](char given, char wanted) {
-    return wanted == '0' ? isDigit(given) : given == wanted;
-  });
+  static const std::regex form("\\d{4}-\\d\\d-\\d\\dT\\d\\d:\\d\\d:\\d\\dZ");
+  return std::regex_match(text, form);
 }
 
 bool isHash(const std::string& text) {
-  return text.size() == kHashDigits && std::all_of(text.begin(), text.end(), [](char c) {
-           return isDigit(c) || (c >= 'a' && c <= 'f');
-         });
+  static const std::regex form("[0-9a-f]{64}");
+  return std::regex_match(text, form);
 }
 
 constexpr Text kHash{"64 hexadecimal digits", isHash};

@@ -5,7 +5,6 @@
 #include <iterator>
 #include <limits>
 #include <numeric>
-#include <set>
 #include <stdexcept>
 
 #include "helix_arm/basics/quote.hpp"
@@ -387,15 +386,6 @@ void readActions(const MapReader& safety, const std::string& key,
   }
 }
 
-void setTargetTimeout(const MapReader& safety, bool simulated, double& timeout) {
-  if (timeout == 0 && !simulated) {
-    safety.fault(
-        "target_timeout_s",
-        "a finite value > 0: only a simulated regulator may wait for targets without limit");
-  }
-  if (timeout <= 0) timeout = std::numeric_limits<double>::infinity();
-}
-
 std::vector<control::ChannelRules> channelsOf(const ArmParts* arm) {
   std::vector<control::ChannelRules> channels;
   for (int i = 0; arm != nullptr && i < arm->arm.actuatorCount(); ++i) {
@@ -529,7 +519,12 @@ SafetyConfig readSafety(const MapReader& scene, const ArmParts* arm,
   if (!safety) return config;
   // A regulator that was given but has faults is not also reported as unknown.
   const bool unknown = !regulator && scene.has("regulator");
-  setTargetTimeout(*safety, unknown || (regulator && !hardware), rules.target_timeout);
+  if (rules.target_timeout == 0 && !unknown && (!regulator || hardware)) {
+    safety->fault(
+        "target_timeout_s",
+        "a finite value > 0: only a simulated regulator may wait for targets without limit");
+  }
+  if (rules.target_timeout <= 0) rules.target_timeout = std::numeric_limits<double>::infinity();
   if (safety->isSound()) checkVentedBelow(*safety, config);
   return config;
 }

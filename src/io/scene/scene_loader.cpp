@@ -5,7 +5,6 @@
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/dynamics/arm_motion.hpp"
 #include "helix_arm/io/atomic_file.hpp"
-#include "helix_arm/io/scene.hpp"
 #include "helix_arm/simulation/rig.hpp"
 #include "helix_arm/statics/loaded.hpp"
 #include "scene_readers.hpp"
@@ -19,6 +18,50 @@ std::vector<Value*> relativePaths(Value& document) {
   std::vector<Value*> out = relativeMeshes(document);
   if (Value* profile = relativeProfile(document)) out.push_back(profile);
   return out;
+}
+
+// How well a calibration knows the tags that it placed. One that is not in it, such as a tag that
+// was added later, is as one that no capture showed. The base tag is where the scene says.
+void takeErrors(const Provenance& calibration, const estimation::TagPrior& prior,
+                estimation::TagLayout& layout) {
+  const auto errorOf = [&](const estimation::TagPlacement& tag) {
+    return calibration.errorOf(estimation::FitParameter::kTags, "_" + std::to_string(tag.id));
+  };
+  const auto isIn = [&](const auto& tag) { return errorOf(tag).has_value(); };
+  if (std::none_of(layout.tags.begin(), layout.tags.end(), isIn)) return;
+  Provenance::PlacementError unseen{lie::Vector6::Zero(), false};
+  unseen.deviations.head<3>().setConstant(prior.translation);
+  unseen.deviations.tail<3>().setConstant(prior.rotation);
+  for (int i = 0; i < static_cast<int>(layout.tags.size()); ++i) {
+    if (i == layout.baseTag()) continue;
+    estimation::TagPlacement& tag = layout.tags[static_cast<std::size_t>(i)];
+    const auto known = errorOf(tag).value_or(unseen);
+    tag.error = known.deviations;
+    tag.placed = known.seen;
+  }
+}
+
+constexpr double kTypicalInput = 0.3;  // part of the limits
+
+// The slowest vibration of the arm at typical pressures, where masses and damping tell it.
+std::optional<dynamics::Vibration> slowestOf(const MapReader& scene, const ArmParts* arm,
+                                             const statics::Load* load,
+                                             const dynamics::MotionConfig& config) {
+  const dynamics::StrainTimes& damping = config.damping;
+  const auto has_mass = [](double mass) { return mass > 0; };
+  if (arm == nullptr || load == nullptr || !(damping.bend + damping.twist + damping.shear > 0) ||
+      std::none_of(load->mass.begin(), load->mass.end(), has_mass) || !arm->arm.isLinear() ||
+      !load->tables.empty()) {
+    return std::nullopt;
+  }
+  try {
+    const dynamics::ArmMotion motion(arm->arm, arm->planar, *load, config);
+    const auto found = dynamics::vibrationsOf(motion.linearisedAt(arm->arm.inputAt(kTypicalInput)));
+    return found.empty() ? std::nullopt : std::optional(found.front());
+  } catch (const std::exception& error) {
+    scene.complain("dynamics", "tells no vibration of the arm: ", error.what());
+    return std::nullopt;
+  }
 }
 
 }  // namespace
@@ -71,58 +114,6 @@ Scene sceneOfText(const std::string& text, const std::string& name) {
   faults.throwIfAny();
   return makeScene(document, faults);
 }
-
-namespace {
-
-// How well a calibration knows the tags that it placed. One that is not in it, such as a tag that
-// was added later, is as one that no capture showed. The base tag is where the scene says.
-void takeErrors(const Provenance& calibration, const estimation::TagPrior& prior,
-                estimation::TagLayout& layout) {
-  const auto errorOf = [&](const estimation::TagPlacement& tag) {
-    return calibration.errorOf(estimation::FitParameter::kTags, "_" + std::to_string(tag.id));
-  };
-  const auto isIn = [&](const auto& tag) { return errorOf(tag).has_value(); };
-  if (std::none_of(layout.tags.begin(), layout.tags.end(), isIn)) return;
-  Provenance::PlacementError unseen{lie::Vector6::Zero(), false};
-  unseen.deviations.head<3>().setConstant(prior.translation);
-  unseen.deviations.tail<3>().setConstant(prior.rotation);
-  for (int i = 0; i < static_cast<int>(layout.tags.size()); ++i) {
-    if (i == layout.baseTag()) continue;
-    estimation::TagPlacement& tag = layout.tags[static_cast<std::size_t>(i)];
-    const auto known = errorOf(tag).value_or(unseen);
-    tag.error = known.deviations;
-    tag.placed = known.seen;
-  }
-}
-
-}  // namespace
-
-namespace {
-
-constexpr double kTypicalInput = 0.3;  // part of the limits
-
-// The slowest vibration of the arm at typical pressures, where masses and damping tell it.
-std::optional<dynamics::Vibration> slowestOf(const MapReader& scene, const ArmParts* arm,
-                                             const statics::Load* load,
-                                             const dynamics::MotionConfig& config) {
-  const dynamics::StrainTimes& damping = config.damping;
-  const auto has_mass = [](double mass) { return mass > 0; };
-  if (arm == nullptr || load == nullptr || !(damping.bend + damping.twist + damping.shear > 0) ||
-      std::none_of(load->mass.begin(), load->mass.end(), has_mass) || !arm->arm.isLinear() ||
-      !load->tables.empty()) {
-    return std::nullopt;
-  }
-  try {
-    const dynamics::ArmMotion motion(arm->arm, arm->planar, *load, config);
-    const auto found = dynamics::vibrationsOf(motion.linearisedAt(arm->arm.inputAt(kTypicalInput)));
-    return found.empty() ? std::nullopt : std::optional(found.front());
-  } catch (const std::exception& error) {
-    scene.complain("dynamics", "tells no vibration of the arm: ", error.what());
-    return std::nullopt;
-  }
-}
-
-}  // namespace
 
 Scene makeScene(const Value& document, FaultList& faults) {
   const MapReader keys(document, "", keysOf(sceneKind().keys), faults);

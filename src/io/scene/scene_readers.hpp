@@ -17,7 +17,6 @@
 
 namespace helix_arm::io {
 
-/// Key of a contraction.
 inline constexpr char kResponseKey[] = "response";
 
 /// Reads a `response`: how an actuator follows its pressure. None without the key, or if it is an
@@ -34,7 +33,6 @@ struct NamedContraction {
 /// All curves by name; one that has faults maps to nothing: they are not reported at every use.
 using Contractions = std::map<std::string, std::optional<NamedContraction>>;
 
-/// Reads `contractions`.
 Contractions readContractions(const MapReader& scene);
 
 /// A stiffness that actuators inherit; a member that was given with faults has any value.
@@ -72,7 +70,6 @@ struct SectionParts {
 SectionParts readSection(const Value& value, const std::string& path, FaultList& faults,
                          ArmContext& arm);
 
-/// Content of `arm`.
 struct ArmParts {
   lie::SE3 X_WB;
   model::Arm arm;
@@ -114,23 +111,19 @@ SceneArmParts readSceneArm(const MapReader& scene);
 /// The optical frame C (z forward, x right, y down) seen from the camera's body (x forward, z up).
 extern const Eigen::Matrix3d kOpticalInBody;
 
-/// Reads `camera`.
 std::optional<CameraConfig> readCamera(const MapReader& scene);
 
-/// Content of `tags`.
 struct TagParts {
   std::string family;
   estimation::TagLayout layout;
   estimation::TagPrior prior;
   lie::SE3 X_BF;  ///< the frame F of tag poses in data sets, seen from the base
 };
-/// Reads `tags`.
 std::optional<TagParts> readTags(const MapReader& scene, const ArmParts* arm);
 
 /// Reads `bodies`: the ids of the layout count from 0 in their order.
 std::optional<estimation::TagLayout> readBodies(const MapReader& scene, const ArmParts* arm);
 
-/// Reads `motion_capture`.
 MotionCapture readMotionCapture(const MapReader& scene);
 
 /// Reads `vision`.
@@ -169,7 +162,8 @@ std::optional<clearance::KeepOut> readKeepOut(const MapReader& scene, const ArmP
 /// The meshes that a scene names by paths relative to its folder.
 std::vector<Value*> relativeMeshes(Value& scene);
 
-/// Reads `dynamics`.
+/// The rows of `dynamics.damping_s`.
+std::vector<Key> dampingKeys(dynamics::StrainTimes& damping);
 dynamics::MotionConfig readDynamics(const MapReader& scene);
 
 /// Reads `follow`.
@@ -179,7 +173,6 @@ follow::VisualServoConfig readFollow(const MapReader& scene, const SafetyConfig&
                                      const std::optional<regulator::Config>& regulator,
                                      const std::optional<dynamics::Vibration>& slowest);
 
-/// Reads `calibration`.
 std::optional<Provenance> readProvenance(const MapReader& scene);
 /// The value of `calibration` for this provenance; reading it gives the same.
 Value writeProvenance(Provenance provenance);

@@ -2,14 +2,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <optional>
 #include <stdexcept>
-#include <string>
 
 #include "helix_arm/basics/pi.hpp"
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/number.hpp"
-#include "io/document/map_reader.hpp"
 #include "scene_readers.hpp"
 
 namespace helix_arm::io {
@@ -300,10 +297,6 @@ std::vector<double> readAlong(const MapReader& ring, const std::string& key,
   return {};
 }
 
-bool isZero(const std::vector<double>& values) {
-  return std::all_of(values.begin(), values.end(), [](double value) { return value == 0; });
-}
-
 void readRing(const MapReader& section, const InheritedStiffness& stiffness, ArmContext& arm,
               model::Section& out) {
   std::optional<int> count;
@@ -318,7 +311,10 @@ void readRing(const MapReader& section, const InheritedStiffness& stiffness, Arm
   if (arm.planar && count && *count != 2) {
     ring.fault("count", "2, the number of muscles in the ring of a planar arm");
   }
-  if (arm.planar && !isZero(tilt_deg)) ring.fault("tilt_deg", "0: a planar arm has no tilt");
+  const auto tilts = [](double degrees) { return degrees != 0; };
+  if (arm.planar && std::any_of(tilt_deg.begin(), tilt_deg.end(), tilts)) {
+    ring.fault("tilt_deg", "0: a planar arm has no tilt");
+  }
   if (!count || radius.empty() || tilt_deg.empty()) return;
   const std::size_t places = std::max(radius.size(), tilt_deg.size());
   if (std::min(radius.size(), tilt_deg.size()) > 1 && radius.size() != tilt_deg.size()) {

@@ -1,13 +1,10 @@
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
-#include <string>
-#include <vector>
 
 #include "helix_arm/io/number.hpp"
 #include "helix_arm/vision/jpeg.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
-#include "io/document/map_reader.hpp"
 #include "scene_readers.hpp"
 
 namespace helix_arm::io {
@@ -27,15 +24,6 @@ void readDistortion(const MapReader& camera, std::array<double, 8>& distortion) 
     return camera.complainOfSize("distortion", given->size(), "4, 5 or 8: k1 k2 p1 p2 k3 k4 k5 k6");
   }
   std::copy(given->begin(), given->end(), distortion.begin());
-}
-
-std::vector<Key> webcamKeys(vision::WebcamConfig& webcam) {
-  constexpr Whole kDriverUnits{0, 1'000'000};
-  return {{"device", Text{"the path of a device"}, webcam.device},
-          {"fourcc", oneOf({"MJPG", "YUYV", "UYVY", "GREY"}), webcam.fourcc},
-          {"fps", within(kPositive, 0.01, 1000, " Hz"), webcam.fps},
-          {"focus", kDriverUnits, webcam.focus},
-          {"exposure", kDriverUnits, webcam.exposure}};
 }
 
 constexpr NumberRule kTagId{"a whole number >= 0",
@@ -121,13 +109,7 @@ std::vector<Key> visionKeys(vision::LocalizerConfig& config, int least_tags) {
 }
 
 std::vector<Key> motionKeys(dynamics::MotionConfig& config) {
-  constexpr NumberRule kDamping = within(kNotNegative, 0, 1e3, " s");
-  dynamics::StrainTimes& damping = config.damping;
-  return {{"damping_s",
-           {{"stretch", kDamping, damping.stretch},
-            {"shear", kDamping, damping.shear},
-            {"twist", kDamping, damping.twist},
-            {"bend", kDamping, damping.bend}}},
+  return {{"damping_s", dampingKeys(config.damping)},
           {"inertia_radius_m", kLength, config.inertia_radius},
           {"step_s", within(kPositive, 1e-6, 0.1, " s"), config.step}};
 }
@@ -187,31 +169,6 @@ std::vector<Key> deviationKeys(simulation::ArmDeviation& arm, const ArmParts* ar
            }}};
 }
 
-std::vector<Key> mountKeys(simulation::MountDeviation& mounts) {
-  return {{"camera_translation_m", kMountTranslation, mounts.camera_translation},
-          {"camera_rotation_deg", kMountRotation, mounts.camera_rotation, kDegree},
-          {"tag_translation_m", kMountTranslation, mounts.tag_translation},
-          {"tag_rotation_deg", kMountRotation, mounts.tag_rotation, kDegree},
-          {"seed", kSeed, mounts.seed}};
-}
-
-std::vector<Key> pictureKeys(simulation::SimulatedCameraConfig& camera) {
-  return {{"blur_px", within(kNotNegative, 0, 100, " px"), camera.blur},
-          {"noise_gray_levels", within(kNotNegative, 0, 255, " gray levels"), camera.noise},
-          {"exposure", within(kPositive, 1e-3, 1e3), camera.exposure},
-          {"bleed_m", within(kNotNegative, 0, 0.1, " m"), camera.border_shift},
-          {"jpeg_quality", Whole{1, 100}, camera.jpeg_quality},
-          {"clutter", Whole{0, 10000}, camera.clutter},
-          {"occluders", Whole{0, 1000}, camera.occluders},
-          {"seed", kSeed, camera.seed}};
-}
-
-std::vector<Key> bodiesKeys(simulation::SimulatedBodiesConfig& bodies) {
-  return {{"rate_hz", within(kPositive, 1, 250, " Hz"), bodies.rate},
-          {"lost", within(kNotNegative, 0, 0.99), bodies.lost},
-          {"seed", kSeed, bodies.seed}};
-}
-
 constexpr NumberRule kFollowTime = within(kPositive, 1e-3, 3600, " s");
 
 constexpr double kHardwareNoise = 2e3;       // [Pa]
@@ -237,8 +194,17 @@ double setVibration(const dynamics::Vibration& vibration, follow::VisualServoCon
 
 }  // namespace
 
+std::vector<Key> dampingKeys(dynamics::StrainTimes& damping) {
+  constexpr NumberRule kDamping = within(kNotNegative, 0, 1e3, " s");
+  return {{"stretch", kDamping, damping.stretch},
+          {"shear", kDamping, damping.shear},
+          {"twist", kDamping, damping.twist},
+          {"bend", kDamping, damping.bend}};
+}
+
 std::optional<CameraConfig> readCamera(const MapReader& scene) {
   CameraConfig camera;
+  constexpr Whole kDriverUnits{0, 1'000'000};
   estimation::Camera& model = camera.model;
   vision::WebcamConfig webcam;
   Eigen::Vector2d size(0, 0), focal(0, 0), centre(0, 0);
@@ -250,7 +216,12 @@ std::optional<CameraConfig> readCamera(const MapReader& scene) {
                                     const std::string&) { readDistortion(map, model.distortion); }},
                  "position_m",
                  "rpy_deg",
-                 {"webcam", webcamKeys(webcam)}});
+                 {"webcam",
+                  {{"device", Text{"the path of a device"}, webcam.device},
+                   {"fourcc", oneOf({"MJPG", "YUYV", "UYVY", "GREY"}), webcam.fourcc},
+                   {"fps", within(kPositive, 0.01, 1000, " Hz"), webcam.fps},
+                   {"focus", kDriverUnits, webcam.focus},
+                   {"exposure", kDriverUnits, webcam.exposure}}}});
   if (!keys) return std::nullopt;
   if (size.prod() > vision::JpegDecoder::kMaxPixels) {
     keys->complain("size_px", "makes ", formatNumber(size.prod()), " pixels; expected at most ",
@@ -348,10 +319,28 @@ dynamics::MotionConfig readDynamics(const MapReader& scene) {
 SimulationConfig readSimulation(const MapReader& scene, const ArmParts* arm,
                                 const statics::Load* load, const dynamics::MotionConfig& usual) {
   SimulationConfig config;
-  scene.map("simulation", {{"arm", deviationKeys(config.arm, arm, load, usual)},
-                           {"mounts", mountKeys(config.mounts)},
-                           {"camera", pictureKeys(config.camera)},
-                           {"bodies", bodiesKeys(config.bodies)}});
+  auto& [deviation, mounts, camera, bodies] = config;
+  scene.map("simulation",
+            {{"arm", deviationKeys(deviation, arm, load, usual)},
+             {"mounts",
+              {{"camera_translation_m", kMountTranslation, mounts.camera_translation},
+               {"camera_rotation_deg", kMountRotation, mounts.camera_rotation, kDegree},
+               {"tag_translation_m", kMountTranslation, mounts.tag_translation},
+               {"tag_rotation_deg", kMountRotation, mounts.tag_rotation, kDegree},
+               {"seed", kSeed, mounts.seed}}},
+             {"camera",
+              {{"blur_px", within(kNotNegative, 0, 100, " px"), camera.blur},
+               {"noise_gray_levels", within(kNotNegative, 0, 255, " gray levels"), camera.noise},
+               {"exposure", within(kPositive, 1e-3, 1e3), camera.exposure},
+               {"bleed_m", within(kNotNegative, 0, 0.1, " m"), camera.border_shift},
+               {"jpeg_quality", Whole{1, 100}, camera.jpeg_quality},
+               {"clutter", Whole{0, 10000}, camera.clutter},
+               {"occluders", Whole{0, 1000}, camera.occluders},
+               {"seed", kSeed, camera.seed}}},
+             {"bodies",
+              {{"rate_hz", within(kPositive, 1, 250, " Hz"), bodies.rate},
+               {"lost", within(kNotNegative, 0, 0.99), bodies.lost},
+               {"seed", kSeed, bodies.seed}}}});
   return config;
 }
 
