@@ -46,6 +46,7 @@ inline constexpr char kReload[] = "reload";
 inline constexpr char kEnable[] = "enable";
 inline constexpr char kForward[] = "forward";
 inline constexpr char kInverse[] = "inverse";
+inline constexpr char kPayload[] = "payload";
 inline constexpr char kRest[] = "rest";
 inline constexpr char kVent[] = "vent";
 inline constexpr char kEmergencyStop[] = "emergency_stop";

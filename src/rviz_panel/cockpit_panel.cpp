@@ -475,8 +475,14 @@ class TipBox : public QWidget {
       run([&](CockpitLink& link) { link.aimTip(position); });
     });
     present_ = makeButton(this, "tip_present", "Take present", [this] { copyPresent(); });
+    payload_ = makeButton(this, "tip_payload", "Payload", [this, run] {
+      std::array<double, 3> position{};
+      std::copy_n(present_tip_->begin(), 3, position.begin());
+      run([&](CockpitLink& link) { link.askPayload(position); });
+    });
     grid->addWidget(go_, 2, 0);
-    grid->addWidget(present_, 2, 1, 1, 2);
+    grid->addWidget(present_, 2, 1);
+    grid->addWidget(payload_, 2, 2);
     tip_ = new FixedText(this, "tip", 2);
     loop_ = new FixedText(this, "loop", 4);
     why_not_ = new FixedText(this, "tip_why_not", 1);
@@ -498,6 +504,8 @@ class TipBox : public QWidget {
         present_,
         {present_tip_ ? "" : "no tip comes: neither of the model nor, with a loop, a measured one"},
         "Copies where the tip is now");
+    offer(payload_, {present_tip_ ? "" : "no tip comes"},
+          "Least and largest force that the tip carries where it is now; nothing moves");
     showHeading(why_not_, "Tip, seen from the arm's base [mm]", may.why_not);
     std::string text =
         "measured " + placeWords(view.measured_tip) + "\nmodel " + placeWords(view.model_tip);
@@ -517,7 +525,7 @@ class TipBox : public QWidget {
   }
 
   std::array<QDoubleSpinBox*, 3> numbers_{};  ///< [mm]
-  QPushButton *go_, *present_;
+  QPushButton *go_, *present_, *payload_;
   QLabel *tip_, *loop_, *why_not_;
   std::optional<std::vector<double>> present_tip_;  ///< [m]
   bool filled_ = false;                             ///< the numbers have begun at the arm's tip

@@ -131,6 +131,13 @@ TEST_F(Cockpit, ASliderMovesThePressureAndHoldsItWithoutAnyOtherCommander) {
   EXPECT_EQ(safety_.last().cause, "none");
 }
 
+TEST_F(Cockpit, ThePayloadIsToldOnRequest) {
+  awaitOffer("tip_payload");
+  click("tip_payload");
+  awaitSaid("answer", "Payload: from ");
+  EXPECT_TRUE(says("answer", " N along (")) << text("answer");
+}
+
 TEST_F(Cockpit, TheEmergencyStopLatchesUntilItIsReleased) {
   enable();
   click("stop");

@@ -1,5 +1,6 @@
 #include "cockpit_link.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <exception>
@@ -13,6 +14,7 @@
 #include <std_srvs/SetBool.h>
 #include <std_srvs/Trigger.h>
 
+#include "helix_arm/Payload.h"
 #include "helix_arm/Reload.h"
 #include "helix_arm/Save.h"
 #include "helix_arm/TipTarget.h"
@@ -53,7 +55,8 @@ double pressureOf(const PressureArray& array, const std::string& name) {
 }
 
 // Names of calls that are not asked again while they wait.
-constexpr char kReleaseCall[] = "Release", kUseCall[] = "Use it";
+constexpr double kPayloadLimit = 30.0;  // 26 forces of a loaded arm [s]
+constexpr char kReleaseCall[] = "Release", kUseCall[] = "Use it", kPayloadCall[] = "Payload";
 
 template <class Service>
 CallAnswer called(const std::string& name, Service service) {
@@ -98,6 +101,25 @@ CallAnswer useLastCalibration(const std::string& ns) {
   return {"", !users.empty(),
           save.request.path + (users.empty() ? " is written, but no node is up that loads it"
                                              : " is used by " + users)};
+}
+
+// The least and the largest of the forces in all directions.
+CallAnswer payloadAt(const std::string& name, const std::array<double, 3>& position) {
+  Payload payload;
+  payload.request.position.assign(position.begin(), position.end());
+  CallAnswer out = called(name, payload);
+  const Payload::Response& found = payload.response;
+  if (!out.success || found.force.size() * 3 != found.direction.size() || found.force.empty()) {
+    return out;
+  }
+  if (!found.reached) return {"", false, "the tip does not get there even without a force"};
+  const auto [least, most] = std::minmax_element(found.force.begin(), found.force.end());
+  const auto words = [&](auto force) {
+    const double* const d = found.direction.data() + 3 * (force - found.force.begin());
+    return basics::format("%.3g N along (%.1f, %.1f, %.1f)", *force, d[0], d[1], d[2]);
+  };
+  out.message = "from " + words(least) + " to " + words(most) + " of the base";
+  return out;
 }
 
 constexpr std::size_t kMostChannels = 64;
@@ -417,6 +439,12 @@ void CockpitLink::startExperiment(const std::string& name) {
   RunExperimentGoal goal;
   goal.name = name;
   experiment_->start(goal);
+}
+
+void CockpitLink::askPayload(const std::array<double, 3>& position) {
+  if (caller_.waits(kPayloadCall)) return;
+  caller_.ask(kPayloadCall, kPayloadLimit,
+              [name = serviceOf(names::kPayload), position] { return payloadAt(name, position); });
 }
 
 void CockpitLink::useCalibration() {

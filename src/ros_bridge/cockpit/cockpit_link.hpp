@@ -275,6 +275,8 @@ class CockpitLink {
     held_.holdTip(now(), position);
     send();
   }
+  /// Asks for the forces that a tip carries there, base frame [m].
+  void askPayload(const std::array<double, 3>& position);
   /// @param fit  as in RunCalibration; kWalk alone: its walk.
   void startCalibration(const std::vector<std::string>& fit);
   void cancelCalibration() { calibration_->cancel(); }

@@ -15,6 +15,7 @@
 
 #include "helix_arm/Forward.h"
 #include "helix_arm/Inverse.h"
+#include "helix_arm/Payload.h"
 #include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
@@ -23,13 +24,14 @@
 #include "helix_arm/model/arm.hpp"
 #include "helix_arm/statics/arm_model.hpp"
 #include "helix_arm/statics/inverse.hpp"
+#include "helix_arm/statics/payload.hpp"
 #include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/common/guarded_callbacks.hpp"
 #include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {
 
-/// Serves a node's `~forward` and `~inverse`: the model of its scene, for batches.
+/// Serves a node's `~forward`, `~inverse` and `~payload`: the model of its scene, for batches.
 ///
 /// Calls are served one after the other in a thread of their own, so that a large batch delays
 /// neither targets nor the pressure loop. A call that breaks a rule is answered with the rule.
@@ -42,6 +44,7 @@ class ModelServer {
     node_.setCallbackQueue(&queue_);
     forward_ = serve(node_, names::kForward, &ModelServer::onForward, this);
     inverse_ = serve(node_, names::kInverse, &ModelServer::onInverse, this);
+    payload_ = serve(node_, names::kPayload, &ModelServer::onPayload, this);
     spinner_.start();
   }
 
@@ -50,6 +53,7 @@ class ModelServer {
     ends_ = true;
     forward_.shutdown();
     inverse_.shutdown();
+    payload_.shutdown();
     spinner_.stop();
   }
 
@@ -152,6 +156,29 @@ class ModelServer {
     });
   }
 
+  bool onPayload(const Payload::Request& request, Payload::Response& response) {
+    return answer(response, [&] {
+      requireFinite(request.position, "position");
+      requireFinite(request.direction, "direction");
+      basics::require(request.position.size() == 3, "position has ", request.position.size(),
+                      " numbers; expected 3");
+      const Table given = tableOf(request.direction, "direction", 3, kMostInverseRows);
+      Eigen::Matrix3Xd directions = statics::payloadDirections();
+      if (given.rows() > 0) directions = given.transpose().colwise().normalized();
+      statics::PayloadSolver solver(*model());
+      solver.moveTo(Eigen::Vector3d(request.position.data()));
+      response.reached = solver.isThere();
+      response.rows = static_cast<std::uint32_t>(directions.cols());
+      appendNumbers(directions, true, response.direction);
+      for (const auto& direction : directions.colwise()) {
+        goOn();
+        const statics::Payload found = solver.along(direction);
+        response.force.push_back(found.force);
+        response.end.emplace_back(statics::nameOf(found.end));
+      }
+    });
+  }
+
   std::shared_ptr<const statics::ArmModel> model() const HELIX_ARM_EXCLUDES(mutex_) {
     const basics::MutexLock lock(mutex_);
     return model_;
@@ -177,7 +204,7 @@ class ModelServer {
   bool warned_ = false;  // of kilopascals; touched by the thread that serves alone
   ros::CallbackQueue queue_;
   ros::NodeHandle node_;
-  ros::ServiceServer forward_, inverse_;
+  ros::ServiceServer forward_, inverse_, payload_;
   ros::AsyncSpinner spinner_;
 };
 
