@@ -1,36 +1,19 @@
+#include "pressure_command_node.hpp"
+
 #include <algorithm>
 #include <cmath>
-#include <cstdint>
 #include <filesystem>
-#include <memory>
 #include <stdexcept>
-#include <string>
 #include <utility>
 #include <vector>
 
-#include <diagnostic_msgs/DiagnosticStatus.h>
-#include <ros/node_handle.h>
-#include <ros/steady_timer.h>
 #include <ros/this_node.h>
-#include <ros/time.h>
 
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/io/scene.hpp"
 #include "helix_arm/regulator/config.hpp"
-#include "helix_arm/regulator/guard_process.hpp"
 #include "helix_arm/regulator/realtime.hpp"
-#include "helix_arm/regulator/regulator_io.hpp"
-#include "keep_out_gate.hpp"
-#include "model_server.hpp"
-#include "plan_server.hpp"
-#include "pressure_loop.hpp"
-#include "ros_bridge/common/diagnostics.hpp"
 #include "ros_bridge/common/guarded_callbacks.hpp"
-#include "ros_bridge/common/parameters.hpp"
-#include "ros_bridge/common/run_node.hpp"
 #include "ros_bridge/names.hpp"
-#include "shape_publisher.hpp"
-#include "target_intake.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
@@ -133,224 +116,180 @@ DiagnosticStatus channelStatus(const io::Scene& scene, const PressureLoop::Snaps
                      {names::kUpperLimitKey, fixed(1e-3 * actuator.limits.upper, 4)}});
 }
 
-/// Drives the arm of a scene to target pressures, shapes and tips, through the scene's regulator
-/// (real or simulated) or another node's. docs/nodes.md lists its topics, services and parameters
-/// (PressureCommandOptions); docs/safety.md tells who commands and when the arm vents.
-///
-/// Between targets and regulator stands control::SafetyCore: any fault vents the arm, and nothing
-/// moves until it is enabled again. All times are of a steady clock, so that a paused or simulated
-/// clock neither stops the loop nor keeps a lease.
-///
-/// The arm vents in every case when the node ends: in an orderly end by this node; if it is killed
-/// or stopped, by a guard process (hardware), or by the regulator's node when the commands stop.
-///
-/// Its parts: TargetIntake accepts targets, PressureLoop drives the regulator, ShapePublisher shows
-/// the arm at the readings. All of them but PressureLoop and ModelServer run in the main thread
-/// only, so that no shape, target or reload delays the loop.
-class PressureCommandNode : public Node {
- public:
-  PressureCommandNode()
-      : shapes_(node_, scene_, options_,
-                [this](const TipTarget& target) { intake_.admission().takeFromHandle(target); }),
-        gate_(node_, scene_, shapes_.baseFrame(), 1.0 / options_.draw_rate, shapes_.response(),
-              [this] { loop_.hold(); }),
-        loop_(
-            node_, scene_.arm, options_.rate, options_.realtime_priority, startPath(),
-            options_.auto_enable && scene_.regulator && !regulator::isHardware(*scene_.regulator),
-            [this](const PressureLoop& loop, const Eigen::VectorXd& target) {
-              return gate_.refusalOf(loop, target);
-            },
-            [this](const PressureLoop::Reading& reading) {
-              shapes_.take(reading.pressure, reading.set_point, reading.stamp);
-            }),
-        intake_(node_, scene_, shapes_.baseFrame(), shapes_.response(), loop_, gate_),
-        model_server_(ros::NodeHandle("~"), scene_.model),
-        plan_server_(ros::NodeHandle("~"), scene_, shapes_.baseFrame(), loop_),
-        reload_(ros::NodeHandle("~"), options_.scene, options_.scene_folder,
-                [this](io::Scene next) { adopt(std::move(next)); }) {
-    draw_timer_ = repeat(node_, "the drawing", 1.0 / options_.draw_rate, [this] { draw(); });
-    diagnose_timer_ = repeat(node_, "the diagnostics", 1.0, [this] { diagnose(); });
-    logInfo("%s: %d actuators in %d sections, loop at %g Hz", scene_.name.c_str(),
-            scene_.arm.actuatorCount(), scene_.arm.sectionCount(), options_.rate);
-    tellTier();
-  }
-
-  ~PressureCommandNode() override { finish(); }
-
-  /// Vents, and returns afterwards.
-  int finish() override {
-    const bool vented = loop_.end();
-    if (guard_ && vented) guard_->dismiss();
-    return loop_.verdict();
-  }
-
- private:
-  /// Connects the regulator, if it is this node's, with a guard where it is hardware.
-  regulator::PressurePath startPath() {
-    const bool own = options_.regulator == "scene";
-    const bool hardware = own && regulator::isHardware(requireRegulator(scene_));
-    if (hardware) {
-      refuseSimulatedTime();
-      guard_ = startGuardProcess(options_.scene, options_.realtime_priority);
-    }
-    tellRealtime(hardware);
-    std::unique_ptr<regulator::RegulatorIo> io;
-    try {
-      if (own) io = startRegulatorIo(scene_, options_.rate, options_.realtime_priority);
-    } catch (...) {
-      if (guard_) guard_->dismiss();  // nothing was connected
-      throw;
-    }
-    regulator::PressurePath path({scene_.safety.channels, scene_.safety.rules}, std::move(io),
-                                 longestGap(options_.rate));
-    path.guardedBy(guard_);
-    return path;
-  }
-
-  void refuseSimulatedTime() const {
-    if (!ros::Time::isSimTime()) return;
-    basics::require(options_.allow_sim_time, "/use_sim_time is true, but scene ", scene_.name,
-                    " drives hardware; end the recording or simulation that sets it, or set "
-                    "~allow_sim_time to true if that is intended");
-    logWarning("%s: drives hardware under simulated time (~allow_sim_time)", scene_.name.c_str());
-  }
-  /// Real-time priority is optional; without it, only a busy machine is affected.
-  void tellRealtime(bool hardware) const {
-    const int priority = options_.realtime_priority;
-    if (priority == 0) return;
-    const auto tell = [hardware](const std::string& refusal, const char* success) {
-      if (refusal.empty()) return logInfo("%s", success);
-      logLine(hardware ? ros::console::levels::Warn : ros::console::levels::Info,
-              "%s; without it other programs may delay a vent", refusal.c_str());
-    };
-    tell(regulator::tryRealtime(priority), "the pressure loop has real-time priority");
-    if (hardware) tell(regulator::lockMemory(), "the node's memory is locked");
-  }
-
-  void tellTier() const {
-    const statics::TierChoice& choice = scene_.model.choice();
-    logInfo("%s: tier %s: %s", scene_.name.c_str(), choice.setting.name().c_str(),
-            choice.reason.c_str());
-  }
-  /// Tells each new error of the line once.
-  void tellLineError(const regulator::IoStatus& line) {
-    if (line.last_error.empty() || line.last_error == told_line_error_) return;
-    told_line_error_ = line.last_error;
-    logWarning("regulator: %s", line.last_error.c_str());
-  }
-
-  void requireSameRegulator(const io::Scene& next) const {
-    const auto describe = [](const io::Scene& scene) {
-      if (!scene.regulator) return std::string("none");
-      const std::string channels = regulator::describeChannels(*scene.regulator);
-      return regulator::describe(*scene.regulator) + (channels.empty() ? "" : ", " + channels);
-    };
-    basics::require(describe(scene_) == describe(next), "scene ", next.name,
-                    " has another regulator: ", describe(next), ", expected ", describe(scene_),
-                    "; restart the nodes to change it");
-    if (!guard_) return;
-    const std::string looser = control::loosened(first_safety_.channels, first_safety_.rules,
-                                                 next.safety.channels, next.safety.rules);
-    basics::require(looser.empty(), "scene ", next.name,
-                    " is less safe than the one that this node started with: ", looser,
-                    "; restart the nodes to change that");
-  }
-
-  void adopt(io::Scene next) {
-    next = requirePneumatic(std::move(next));
-    requireSameRig(scene_, next);
-    requireSameRegulator(next);
-    watched_.requireFree();
-    loop_.adopt(next.arm, next.safety.channels, next.safety.rules);
-    scene_ = std::move(next);
-    gate_.adopt();
-    intake_.adopt();
-    model_server_.adopt(scene_.model);
-    plan_server_.adopt(scene_);
-    tellTier();
-    shapes_.adopt();
-  }
-
-  void replaceGuard() {
-    const bool tell = guard_losses_.add();
-    if (tell) {
-      logError(
-          "the guard, which vents the arm if this node is killed, has ended or does not respond "
-          "(%lu times so far): the arm vents, and another guard is started",
-          guard_losses_.total());
-    }
-    guard_->dismiss();  // if it resumes, it must not vent an arm that the next one guards
-    try {
-      auto next = startGuardProcess(options_.scene, options_.realtime_priority);
-      loop_.guardedBy(next);
-      guard_ = std::move(next);
-    } catch (const std::runtime_error& error) {
-      if (tell) logError("%s; the arm stays vented until one is started", error.what());
-    }
-  }
-
-  void draw() {
-    if (options_.handle) shapes_.moveHandle(loop_.goal());
-    const PressureLoop::Snapshot path = loop_.snapshot();
-    shapes_.draw(path.report, path.reason);
-    gate_.draw(shapes_.drawn());
-  }
-
-  void diagnose() {
-    const PressureLoop::Snapshot path = loop_.snapshot();
-    DiagnosticStatus loop = loopStatus(path);
-    shapes_.reportSilence(loop);
-    std::vector<DiagnosticStatus> statuses = {intake_.admission().status(), std::move(loop),
-                                              shapes_.status(), safetyStatus(scene_, path)};
-    if (path.io) {
-      statuses.push_back(regulatorStatus(scene_, *path.io));
-      tellLineError(*path.io);
-    }
-    for (int i = 0; i < scene_.arm.actuatorCount(); ++i) {
-      statuses.push_back(channelStatus(scene_, path, i));
-    }
-    if (guard_ && control::isGone(guard_->state())) replaceGuard();
-    diagnostics_.publish(ros::this_node::getName(), scene_, std::move(statuses));
-    const std::string units = intake_.unitWarning();
-    if (!units.empty()) logWarning("%s", units.c_str());
-  }
-  /// WARN if the loop was slower than wanted since the last call.
-  DiagnosticStatus loopStatus(const PressureLoop::Snapshot& path) {
-    const ros::SteadyTime now = ros::SteadyTime::now();
-    const auto turns = static_cast<double>(path.turns - std::exchange(told_turns_, path.turns));
-    const double rate = turns / (now - std::exchange(last_diagnostics_, now)).toSec();
-    const bool slow = rate < kSlowShare * options_.rate;
-    return makeStatus(names::kLoopStatus, slow ? DiagnosticStatus::WARN : DiagnosticStatus::OK,
-                      slow ? "the loop is slower than ~rate" : "the loop keeps its rate",
-                      {{"rate_hz", fixed(rate)},
-                       {"wanted_rate_hz", fixed(options_.rate)},
-                       {"bad_readings", std::to_string(path.bad_readings.total())}});
-  }
-
-  const PressureCommandOptions options_{};
-  io::Scene scene_ = requirePneumatic(io::loadScene(options_.scene));
-  /// Rules that no reloaded file may loosen, with hardware.
-  const io::SafetyConfig first_safety_ = scene_.safety;
-  std::string told_line_error_;
-  std::uint64_t told_turns_ = 0;  ///< of the loop, at the last diagnostics
-  ros::SteadyTime last_diagnostics_ = ros::SteadyTime::now();
-  FaultCount guard_losses_;
-
-  ros::NodeHandle node_;
-  DiagnosticsPublisher diagnostics_{node_};
-  const LoopWatch watched_{node_};
-  ShapePublisher shapes_;
-  KeepOutGate gate_;                                ///< of loop_
-  std::shared_ptr<regulator::GuardProcess> guard_;  ///< of hardware
-  PressureLoop loop_;                               ///< its readings go to shapes_
-  TargetIntake intake_;
-  ModelServer model_server_;
-  PlanServer plan_server_;
-  ReloadServer reload_;
-  ros::SteadyTimer draw_timer_, diagnose_timer_;
-};
-
 }  // namespace
+
+PressureCommandNode::PressureCommandNode()
+    : shapes_(node_, scene_, options_,
+              [this](const TipTarget& target) { intake_.admission().takeFromHandle(target); }),
+      gate_(node_, scene_, shapes_.baseFrame(), 1.0 / options_.draw_rate, shapes_.response(),
+            [this] { loop_.hold(); }),
+      loop_(
+          node_, scene_.arm, options_.rate, options_.realtime_priority, startPath(),
+          options_.auto_enable && scene_.regulator && !regulator::isHardware(*scene_.regulator),
+          [this](const PressureLoop& loop, const Eigen::VectorXd& target) {
+            return gate_.refusalOf(loop, target);
+          },
+          [this](const PressureLoop::Reading& reading) {
+            shapes_.take(reading.pressure, reading.set_point, reading.stamp);
+          }),
+      intake_(node_, scene_, shapes_.baseFrame(), shapes_.response(), loop_, gate_),
+      model_server_(ros::NodeHandle("~"), scene_.model),
+      plan_server_(ros::NodeHandle("~"), scene_, shapes_.baseFrame(), loop_),
+      reload_(ros::NodeHandle("~"), options_.scene, options_.scene_folder,
+              [this](io::Scene next) { adopt(std::move(next)); }) {
+  draw_timer_ = repeat(node_, "the drawing", 1.0 / options_.draw_rate, [this] { draw(); });
+  diagnose_timer_ = repeat(node_, "the diagnostics", 1.0, [this] { diagnose(); });
+  logInfo("%s: %d actuators in %d sections, loop at %g Hz", scene_.name.c_str(),
+          scene_.arm.actuatorCount(), scene_.arm.sectionCount(), options_.rate);
+  tellTier();
+}
+
+int PressureCommandNode::finish() {
+  const bool vented = loop_.end();
+  if (guard_ && vented) guard_->dismiss();
+  return loop_.verdict();
+}
+
+regulator::PressurePath PressureCommandNode::startPath() {
+  const bool own = options_.regulator == "scene";
+  const bool hardware = own && regulator::isHardware(requireRegulator(scene_));
+  if (hardware) {
+    refuseSimulatedTime();
+    guard_ = startGuardProcess(options_.scene, options_.realtime_priority);
+  }
+  tellRealtime(hardware);
+  std::unique_ptr<regulator::RegulatorIo> io;
+  try {
+    if (own) io = startRegulatorIo(scene_, options_.rate, options_.realtime_priority);
+  } catch (...) {
+    if (guard_) guard_->dismiss();  // nothing was connected
+    throw;
+  }
+  regulator::PressurePath path({scene_.safety.channels, scene_.safety.rules}, std::move(io),
+                               longestGap(options_.rate));
+  path.guardedBy(guard_);
+  return path;
+}
+
+void PressureCommandNode::refuseSimulatedTime() const {
+  if (!ros::Time::isSimTime()) return;
+  basics::require(options_.allow_sim_time, "/use_sim_time is true, but scene ", scene_.name,
+                  " drives hardware; end the recording or simulation that sets it, or set "
+                  "~allow_sim_time to true if that is intended");
+  logWarning("%s: drives hardware under simulated time (~allow_sim_time)", scene_.name.c_str());
+}
+
+void PressureCommandNode::tellRealtime(bool hardware) const {
+  const int priority = options_.realtime_priority;
+  if (priority == 0) return;
+  const auto tell = [hardware](const std::string& refusal, const char* success) {
+    if (refusal.empty()) return logInfo("%s", success);
+    logLine(hardware ? ros::console::levels::Warn : ros::console::levels::Info,
+            "%s; without it other programs may delay a vent", refusal.c_str());
+  };
+  tell(regulator::tryRealtime(priority), "the pressure loop has real-time priority");
+  if (hardware) tell(regulator::lockMemory(), "the node's memory is locked");
+}
+
+void PressureCommandNode::tellTier() const {
+  const statics::TierChoice& choice = scene_.model.choice();
+  logInfo("%s: tier %s: %s", scene_.name.c_str(), choice.setting.name().c_str(),
+          choice.reason.c_str());
+}
+
+void PressureCommandNode::tellLineError(const regulator::IoStatus& line) {
+  if (line.last_error.empty() || line.last_error == told_line_error_) return;
+  told_line_error_ = line.last_error;
+  logWarning("regulator: %s", line.last_error.c_str());
+}
+
+void PressureCommandNode::requireSameRegulator(const io::Scene& next) const {
+  const auto describe = [](const io::Scene& scene) {
+    if (!scene.regulator) return std::string("none");
+    const std::string channels = regulator::describeChannels(*scene.regulator);
+    return regulator::describe(*scene.regulator) + (channels.empty() ? "" : ", " + channels);
+  };
+  basics::require(describe(scene_) == describe(next), "scene ", next.name,
+                  " has another regulator: ", describe(next), ", expected ", describe(scene_),
+                  "; restart the nodes to change it");
+  if (!guard_) return;
+  const std::string looser = control::loosened(first_safety_.channels, first_safety_.rules,
+                                               next.safety.channels, next.safety.rules);
+  basics::require(looser.empty(), "scene ", next.name,
+                  " is less safe than the one that this node started with: ", looser,
+                  "; restart the nodes to change that");
+}
+
+void PressureCommandNode::adopt(io::Scene next) {
+  next = requirePneumatic(std::move(next));
+  requireSameRig(scene_, next);
+  requireSameRegulator(next);
+  watched_.requireFree();
+  loop_.adopt(next.arm, next.safety.channels, next.safety.rules);
+  scene_ = std::move(next);
+  gate_.adopt();
+  intake_.adopt();
+  model_server_.adopt(scene_.model);
+  plan_server_.adopt(scene_);
+  tellTier();
+  shapes_.adopt();
+}
+
+void PressureCommandNode::replaceGuard() {
+  const bool tell = guard_losses_.add();
+  if (tell) {
+    logError(
+        "the guard, which vents the arm if this node is killed, has ended or does not respond "
+        "(%lu times so far): the arm vents, and another guard is started",
+        guard_losses_.total());
+  }
+  guard_->dismiss();  // if it resumes, it must not vent an arm that the next one guards
+  try {
+    auto next = startGuardProcess(options_.scene, options_.realtime_priority);
+    loop_.guardedBy(next);
+    guard_ = std::move(next);
+  } catch (const std::runtime_error& error) {
+    if (tell) logError("%s; the arm stays vented until one is started", error.what());
+  }
+}
+
+void PressureCommandNode::draw() {
+  if (options_.handle) shapes_.moveHandle(loop_.goal());
+  const PressureLoop::Snapshot path = loop_.snapshot();
+  shapes_.draw(path.report, path.reason);
+  gate_.draw(shapes_.drawn());
+}
+
+void PressureCommandNode::diagnose() {
+  const PressureLoop::Snapshot path = loop_.snapshot();
+  DiagnosticStatus loop = loopStatus(path);
+  shapes_.reportSilence(loop);
+  std::vector<DiagnosticStatus> statuses = {intake_.admission().status(), std::move(loop),
+                                            shapes_.status(), safetyStatus(scene_, path)};
+  if (path.io) {
+    statuses.push_back(regulatorStatus(scene_, *path.io));
+    tellLineError(*path.io);
+  }
+  for (int i = 0; i < scene_.arm.actuatorCount(); ++i) {
+    statuses.push_back(channelStatus(scene_, path, i));
+  }
+  if (guard_ && control::isGone(guard_->state())) replaceGuard();
+  diagnostics_.publish(ros::this_node::getName(), scene_, std::move(statuses));
+  const std::string units = intake_.unitWarning();
+  if (!units.empty()) logWarning("%s", units.c_str());
+}
+
+DiagnosticStatus PressureCommandNode::loopStatus(const PressureLoop::Snapshot& path) {
+  const ros::SteadyTime now = ros::SteadyTime::now();
+  const auto turns = static_cast<double>(path.turns - std::exchange(told_turns_, path.turns));
+  const double rate = turns / (now - std::exchange(last_diagnostics_, now)).toSec();
+  const bool slow = rate < kSlowShare * options_.rate;
+  return makeStatus(names::kLoopStatus, slow ? DiagnosticStatus::WARN : DiagnosticStatus::OK,
+                    slow ? "the loop is slower than ~rate" : "the loop keeps its rate",
+                    {{"rate_hz", fixed(rate)},
+                     {"wanted_rate_hz", fixed(options_.rate)},
+                     {"bad_readings", std::to_string(path.bad_readings.total())}});
+}
 
 std::unique_ptr<Node> makePressureCommand() { return std::make_unique<PressureCommandNode>(); }
 
