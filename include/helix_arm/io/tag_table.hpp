@@ -61,6 +61,7 @@ std::vector<TagCornerCapture> loadTagCorners(const DataSet& data, int actuators)
 /// tags.
 /// @param actuators  of the arm, >= 1.
 /// @param comment    initial comment lines, empty for none.
+/// @throws std::invalid_argument on a capture with another number of pressures.
 std::string tagCornerCsv(const std::vector<TagCornerCapture>& captures, int actuators,
                          const std::string& comment);
 /// The same of a data set of poses, which are written as they are given.

@@ -6,6 +6,7 @@
 #include <sstream>
 #include <utility>
 
+#include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/number.hpp"
 
@@ -101,6 +102,8 @@ std::string tableText(const std::vector<TagCapture<Tag>>& captures, int actuator
   for (const std::string& column : columns) text << "," << column;
   text << "\n";
   for (const TagCapture<Tag>& capture : captures) {
+    basics::require(capture.pressure.size() == actuators, "table of tags: capture ", capture.number,
+                    " has ", capture.pressure.size(), " pressures; expected ", actuators);
     for (const auto& tag : capture.tags) {
       text << capture.number;
       if (has_times) text << "," << formatNumber(*capture.time);
