@@ -1,5 +1,6 @@
 #include "command.hpp"
 
+#include <algorithm>
 #include <atomic>
 #include <cmath>
 #include <filesystem>
@@ -139,7 +140,10 @@ void requireNoInput(const std::string& out, const std::vector<std::string>& inpu
 
 void requireWritable(const std::vector<std::string>& files) {
   for (const std::string& file : files) {
-    if (!file.empty()) const io::AtomicFile trial(file);
+    if (file.empty()) continue;
+    refuseIf(std::count(files.begin(), files.end(), file) > 1, file,
+             " is given for two outputs; give each a path of its own");
+    const io::AtomicFile trial(file);
   }
 }
 
