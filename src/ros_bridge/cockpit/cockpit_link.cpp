@@ -107,10 +107,13 @@ CallAnswer useLastCalibration(const std::string& ns) {
 CallAnswer payloadAt(const std::string& name, const std::array<double, 3>& position) {
   Payload payload;
   payload.request.position.assign(position.begin(), position.end());
-  CallAnswer out = called(name, payload);
+  if (!ros::service::call(name, payload)) {
+    return noAnswer("", name + " is not there or does not answer");
+  }
   const Payload::Response& found = payload.response;
-  if (!out.success || found.force.size() * 3 != found.direction.size() || found.force.empty()) {
-    return out;
+  if (found.success == 0) return {"", false, shownText(found.message)};
+  if (found.force.empty() || found.force.size() * 3 != found.direction.size()) {
+    return {"", false, "the answer has no force, or no direction of one"};
   }
   if (!found.reached) return {"", false, "the tip does not get there even without a force"};
   const auto [least, most] = std::minmax_element(found.force.begin(), found.force.end());
@@ -118,8 +121,7 @@ CallAnswer payloadAt(const std::string& name, const std::array<double, 3>& posit
     const double* const d = found.direction.data() + 3 * (force - found.force.begin());
     return basics::format("%.3g N along (%.1f, %.1f, %.1f)", *force, d[0], d[1], d[2]);
   };
-  out.message = "from " + words(least) + " to " + words(most) + " of the base";
-  return out;
+  return {"", true, "from " + words(least) + " to " + words(most) + " of the base"};
 }
 
 constexpr std::size_t kMostChannels = 64;
