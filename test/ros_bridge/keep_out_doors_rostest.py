@@ -1,21 +1,24 @@
 #!/usr/bin/env python3
-"""No door lets a command through at which the arm would touch a zone: targets by topic and handle, series, calibration runs and
-experiments, while vision, rig and all nodes run."""
+"""No door lets a command through at which the arm would touch a zone: targets by topic, handle and teleop, series, calibration runs
+and experiments, while vision, rig and all nodes run."""
 import os
 import sys
 
 import actionlib
+import numpy as np
 import rospy
 import rostest
 from actionlib_msgs.msg import GoalStatus
 from geometry_msgs.msg import Point, Pose, Quaternion
 from helix_arm import Scene
+from sensor_msgs.msg import Joy
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import InteractiveMarkerFeedback, InteractiveMarkerInit
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", "support"))
 from calibration_rig import CalibrationRig  # noqa: E402
-from helix_arm.msg import RunExperimentAction, RunExperimentGoal, SafetyState, ShapeTarget, TargetStatus, TipTarget  # noqa: E402
+from helix_arm.msg import (ArmShape, RunExperimentAction, RunExperimentGoal, SafetyState, ShapeTarget, TargetStatus,  # noqa: E402
+                           TipTarget)
 from zones import LEAST, TOUCHES, clearance, with_post  # noqa: E402
 
 
@@ -37,6 +40,22 @@ class Doors(CalibrationRig):
         self.assert_wait(lambda: any(one.commander == "interactive_marker" for one in self.status[first:]))
         return next(one for one in self.status[first:] if one.commander == "interactive_marker")
 
+    def steer(self, to):
+        """By teleop, from where the tip is."""
+        joy, model = rospy.Publisher("joy", Joy, queue_size=10), self.inbox("model", ArmShape)
+        teleop = self.run_node("teleop", "_scene:=demo", "_axes:=0 1 2", "_speed_mm_s:=100", "_patience_s:=5")
+        self.assert_wait(lambda: model and joy.get_num_connections() > 0)
+        first = len(self.status)
+
+        def blocked():
+            tip = model[-1].tip.position
+            way = to - [tip.x, tip.y, tip.z]
+            joy.publish(Joy(axes=list(way / np.abs(way).max()), buttons=5 * [1]))
+            return next((one for one in self.status[first:] if one.commander == "/teleop" and one.fault == "blocked"), None)
+        self.assert_wait(blocked)
+        teleop.__exit__()
+        return blocked()
+
     def test_no_door_lets_through_what_would_touch(self):
         shape = Scene.load("demo").forward(TOUCHES)
         self.pose = Pose(Point(*shape.tips), Quaternion(*shape.quaternions_xyzw))
@@ -49,6 +68,8 @@ class Doors(CalibrationRig):
             self.assert_blocked(self.status.answer_to(publisher, target))
         self.free_the_arm()
         self.assert_blocked(self.drag())
+        self.free_the_arm()
+        self.assert_blocked(self.steer(shape.tips))
 
         self.free_the_arm()
         with open(self.path("series.csv"), "w") as file:

@@ -158,6 +158,9 @@ TEST(SerialDevice, EachFaultIsWhatItsNameSays) {
   EXPECT_EQ(terminal.ask("p0?"), "p0=29.01 psi");  // 200 kPa / 6.894757 kPa
   terminal.ask("p0=29.01");
   EXPECT_NEAR(device.setPoint()[0], 2e5, 35);
+  device.setFault(DeviceFault::kNone);
+  terminal.ask("p0=200.00");
+  ASSERT_TRUE(eventually([&] { return std::abs(device.pressure()[0] - 2e5) < 1; }));
   device.setFault(DeviceFault::kNanText);
   EXPECT_EQ(terminal.ask("p0?"), "p0=nan kPa");
   device.setFault(DeviceFault::kStuckValue);
