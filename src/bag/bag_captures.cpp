@@ -286,12 +286,7 @@ std::vector<procedures::Sample> tagSamplesOf(Messages& messages, const std::stri
                                              const std::vector<std::string>& topics,
                                              const io::Scene& scene,
                                              const procedures::SettleRules& rules) {
-  std::vector<std::string> actuators;
-  for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
-    actuators.push_back(scene.arm.actuator(i).name);
-  }
-  procedures::SettleWatch watch(actuators, rules);
-  watch.waitForRest(scene.arm);
+  procedures::SettleWatch watch(scene.arm, rules);
   std::vector<procedures::Sample> out, standing;
   const auto moveOn = [&] {
     if (!standing.empty()) out.push_back(medianOf(standing));

@@ -113,12 +113,7 @@ std::vector<Sample> samplesAtRest(const io::Scene& scene, const io::BodyTable& t
       recorded.path.empty() ? own : timedPressuresOf(scene, recorded.path);
   const double offset =
       recorded.offset ? *recorded.offset : offsetOf(table, pressures, path, notes);
-  std::vector<std::string> actuators;
-  for (int i = 0; i < scene.arm.actuatorCount(); ++i) {
-    actuators.push_back(scene.arm.actuator(i).name);
-  }
-  SettleWatch watch(actuators, rules);
-  watch.waitForRest(scene.arm);
+  SettleWatch watch(scene.arm, rules);
   std::vector<Sample> out, standing;
   std::string reason = "no pressure was read";
   std::size_t next = 0;

@@ -29,6 +29,12 @@ lie::SE3 TagObservation::X_FM() const {
 
 namespace {
 
+std::vector<std::string> namesOf(const model::Arm& arm) {
+  std::vector<std::string> names;
+  for (int i = 0; i < arm.actuatorCount(); ++i) names.push_back(arm.actuator(i).name);
+  return names;
+}
+
 // All coordinates of a tag or body.
 Eigen::Map<const Eigen::ArrayXd> coordinatesOf(const TagObservation& one) {
   if (one.points) return {one.points->data(), one.points->size()};
@@ -129,6 +135,11 @@ SettleWatch::SettleWatch(std::vector<std::string> names, const SettleRules& rule
     : names_(std::move(names)), rules_(rules) {
   basics::require(!names_.empty(), "a watch over no actuators; expected at least one");
   rules_.validate();
+}
+
+SettleWatch::SettleWatch(const model::Arm& arm, const SettleRules& rules)
+    : SettleWatch(namesOf(arm), rules) {
+  waitForRest(arm);
 }
 
 void SettleWatch::waitForRest(const model::Arm& arm) {

@@ -23,6 +23,7 @@ struct RecordedPressures {
   std::optional<double> offset = 0.0;
 };
 
+/// Measured pressures over time.
 struct TimedPressures {
   std::vector<double> time;  ///< (rows) ascending [s]
   Eigen::MatrixXd values;    ///< (rows x actuators) gauge [Pa]

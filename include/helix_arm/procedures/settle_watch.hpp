@@ -93,6 +93,8 @@ class SettleWatch {
   /// @param names  of the actuators, for the reasons; at least one.
   /// @throws std::invalid_argument naming the value and its rule.
   SettleWatch(std::vector<std::string> names, const SettleRules& rules);
+  /// Names the actuators as the arm does, and waits for its rest. Throws likewise.
+  SettleWatch(const model::Arm& arm, const SettleRules& rules);
 
   /// From now on pressures have to hold for model::ArmResponse::restTime() of this arm as well: a
   /// slow state creeps too slowly for a window to see.

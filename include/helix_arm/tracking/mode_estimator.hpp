@@ -60,7 +60,7 @@ class ModeEstimator {
   const std::optional<Mode>& mode() const { return mode_; }
   /// A lag, and the pressures (n) behind it at the last time [Pa].
   struct Late {
-    double lag, deviation;  // [s]
+    double lag, deviation;  ///< [s]
     Eigen::VectorXd lagged;
   };
   /// The lag that explains the motion best with this mode, or with none; nothing where it explains

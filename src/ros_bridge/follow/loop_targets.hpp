@@ -2,8 +2,6 @@
 
 #include <optional>
 #include <string>
-#include <utility>
-#include <variant>
 #include <vector>
 
 #include <ros/node_handle.h>
@@ -41,100 +39,36 @@ class LoopTargets {
 
   /// The present target, base frame; nothing where its sender was silent for
   /// safety.target_timeout_s.
-  const std::optional<follow::Target>& target() {
-    if (target_ && isSilent()) forget();
-    return target_;
-  }
+  const std::optional<follow::Target>& target();
   /// Whether the target is another than at the last call.
   bool takeChange() { return std::exchange(changed_, false); }
   /// Forgets the target.
-  void forget() {
-    target_.reset();
-    commander_.clear();
-    changed_ = false;
-  }
+  void forget();
   /// Who sent it, or the target that was refused; empty without either.
-  const std::string& commander() const {
-    return commander_.empty() && isRefused() ? refused_commander_ : commander_;
-  }
+  const std::string& commander() const;
   /// Why the last target was refused, until its sender falls silent; empty where it was not.
   /// Repeated targets are refused one by one: without this a status would change with each.
   std::string refusal() const { return isRefused() ? refusal_ : ""; }
 
   /// Answers the messages that wait for it: the loop commands the target.
-  void answer(const TargetSolution& solution) {
-    refusal_.clear();
-    for (const TargetSender& sender : unanswered_) admission_.accept(sender, solution);
-    unanswered_.clear();
-  }
+  void answer(const TargetSolution& solution);
 
   /// Answers them, and forgets the target. After a rest (Fault::kRested), whoever commands must
   /// pause for safety.target_timeout before its next target counts, or the arm be enabled.
-  void refuse(const control::Refusal& refusal) {
-    if (refusal.fault == control::Fault::kRested) rested_.hold("", regulator::steadyNow());
-    if (target_) {
-      refusal_ = refusal.message;
-      refused_commander_ = commander_;
-    }
-    for (const TargetSender& sender : unanswered_) admission_.drop(sender, refusal);
-    unanswered_.clear();
-    forget();
-  }
+  void refuse(const control::Refusal& refusal);
 
   /// The arm was enabled: whoever was brought to rest may command again.
   void enabled() { rested_.release(); }
 
  private:
-  static bool areEqual(const follow::Target& a, const follow::Target& b) {
-    if (a.index() != b.index()) return false;
-    if (const auto* pose = std::get_if<lie::SE3>(&a)) {
-      const auto& other = std::get<lie::SE3>(b);
-      return pose->translation == other.translation && pose->rotation == other.rotation;
-    }
-    const auto* position = std::get_if<Eigen::Vector3d>(&a);
-    return position ? *position == std::get<Eigen::Vector3d>(b)
-                    : std::get<model::Twists>(a) == std::get<model::Twists>(b);
-  }
-
-  bool isSilent() const {
-    return (ros::SteadyTime::now() - last_target_).toSec() > scene_.safety.rules.target_timeout;
-  }
-
+  static bool areEqual(const follow::Target& a, const follow::Target& b);
+  bool isSilent() const;
   bool isRefused() const { return !refusal_.empty() && !isSilent(); }
 
   /// The goal of a tip target in any frame that tf knows.
-  control::Checked<TipGoal> seenFromBase(const TipTarget& target) const {
-    const std::string& frame = target.header.frame_id;
-    const auto place = frames_.find(frame);
-    if (const auto* refusal = std::get_if<control::Refusal>(&place)) return *refusal;
-    const auto checked = fromMsg(target, frame);
-    if (const auto* refusal = std::get_if<control::Refusal>(&checked)) return *refusal;
-    TipGoal goal = std::get<TipGoal>(checked);
-    goal.X_BT = std::get<FrameLookup::Place>(place).X_BF * goal.X_BT;
-    const auto inside = control::checkPosition(goal.X_BT.translation);
-    if (const auto* refusal = std::get_if<control::Refusal>(&inside)) return *refusal;
-    return goal;
-  }
-
-  void aimTip(const TargetSender& sender, const TipTarget& target) {
-    const auto checked = seenFromBase(target);
-    const TipGoal* goal = admission_.admit(sender, checked);
-    if (goal == nullptr) return;
-    set(sender, goal->with_rotation ? follow::Target(goal->X_BT) : goal->X_BT.translation);
-  }
-
-  void set(const TargetSender& sender, const follow::Target& target) {
-    const double pause = scene_.safety.rules.target_timeout;
-    if (rested_.refuses(sender.commander, regulator::steadyNow(), pause)) {
-      return admission_.drop(sender, control::restedRefusal(pause));
-    }
-    // A repeated target renews the lease but does not restart the watch for divergence.
-    changed_ = changed_ || !target_ || !areEqual(*target_, target);
-    target_ = target;
-    commander_ = sender.commander;
-    last_target_ = ros::SteadyTime::now();
-    unanswered_.push_back(sender);
-  }
+  control::Checked<TipGoal> seenFromBase(const TipTarget& target) const;
+  void aimTip(const TargetSender& sender, const TipTarget& target);
+  void set(const TargetSender& sender, const follow::Target& target);
 
   const io::Scene& scene_;
   const FrameLookup& frames_;
