@@ -216,11 +216,13 @@ std::optional<ModeEstimator::Late> ModeEstimator::otherLag(double lag,
       kClearLag * (residual[after - 1] + share * (residual[after] - residual[after - 1]))) {
     return std::nullopt;
   }
+  // The vertex of a parabola through the three.
   const double left = lags_[best] - lags_[best - 1], right = lags_[best + 1] - lags_[best];
-  const double place =
-      vertexOf(residual[best - 1], least, residual[best + 1], kDirections * weight_).place;
-  return Late{lags_[best] + place * (place < 0 ? left : right), 0.3 * (left + right),
-              lagged_.col(best)};
+  const double by_left = (least - residual[best - 1]) / left,
+               by_right = (residual[best + 1] - least) / right;
+  const double vertex =
+      lags_[best] - 0.5 * left - 0.5 * by_left * (left + right) / (by_right - by_left);
+  return Late{vertex, 0.3 * (left + right), lagged_.col(best)};
 }
 
 void ModeEstimator::choose() {
