@@ -92,7 +92,7 @@ std::vector<std::vector<double>> tableOf(const std::string& path) {
 
 // [m] of SoRoSim's tip by the table's columns along and across.
 double errorAgainst(const std::string& name, const Eigen::Vector3d& gravity, double* peers) {
-  const auto rows = tableOf("/work/shared/data/dynamics/" + name);
+  const auto rows = tableOf(HELIX_ARM_SOURCE_DIR "/../shared/data/dynamics/" + name);
   if (rows.empty()) return -1;
   std::vector<Eigen::Vector3d> ours, sorosim, soromox;
   std::vector<double> times;
@@ -113,7 +113,7 @@ TEST(MotionTest, AgreesWithOtherSimulators) {
        {std::pair{"planar_pcs.csv", kAcross}, {"spatial_pcs.csv", kAslant}}) {
     double peers = 0;
     const double error = errorAgainst(name, gravity, &peers);
-    if (error < 0) GTEST_SKIP() << "no measurements at /work/shared/data/dynamics";
+    if (error < 0) GTEST_SKIP() << "shared/data/dynamics is absent";
     std::printf("%s: RMS from SoRoSim %.2f mm, SoRoMoX %.2f mm\n", name, 1e3 * error, 1e3 * peers);
     EXPECT_LT(error, 3e-3) << name;
   }

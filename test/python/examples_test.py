@@ -11,7 +11,7 @@ import helix_arm
 import numpy as np
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
-from test_size import is_full_size
+from test_size import full_size_only
 
 EXAMPLES = pathlib.Path(__file__).parents[2] / "examples/python"
 
@@ -64,20 +64,20 @@ class ExamplesTest(unittest.TestCase):
         self.assertLess(planned, 0.5 * learning)
         self.assertLess(float(re.search(r"([\d.]+) mm RMS", text).group(1)), 1.5)
 
+    @full_size_only
     def test_real_arms(self):
         data = EXAMPLES.parents[2] / "shared/data"
         if not data.exists():
             self.skipTest(f"{data} is absent: recordings of other people's arms have no licence to be shipped")
         environment = dict(os.environ, PATH=f"{EXAMPLES.parents[1]}/build/bin:{os.environ['PATH']}")
-        arms = [] if is_full_size() else ["fabric"]
-        text = subprocess.run([sys.executable, str(EXAMPLES.parent / "real_arms.py"), str(data), *arms], cwd=self.folder,
+        text = subprocess.run([sys.executable, str(EXAMPLES.parent / "real_arms.py"), str(data)], cwd=self.folder,
                               capture_output=True, text=True, timeout=800, env=environment, check=True).stdout
         errors = {name: float(error) for name, error in re.findall(r"^(\w+ \w+).*\] +([\d.]+) ", text, re.MULTILINE)}
         bounds = {"three chambers": 4.2,  # [mm]; a cubic with lag and creep has 3.9
                   "two sections": 4.5,  # [mm]; a cubic with a lag has 4.5
                   "Koopman arm": 0.36,  # of its unit; a cubic with a lag has 0.36
                   "fabric arm": 3.5}  # [mm]; a cubic with a lag has 5.3
-        self.assertEqual(set(errors), set(bounds) if is_full_size() else {"fabric arm"})
+        self.assertEqual(set(errors), set(bounds))
         for arm, error in errors.items():
             self.assertLess(error, bounds[arm], arm)
 
