@@ -10,15 +10,15 @@
 
 #include <unistd.h>
 
-#include "helix_arm/basics/quote.hpp"
-#include "helix_arm/basics/regular_file.hpp"
+#include "basics/quote.hpp"
+#include "basics/regular_file.hpp"
 #include "helix_arm/control/target_check.hpp"
-#include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/fault_list.hpp"
-#include "helix_arm/procedures/body_recording.hpp"
-#include "helix_arm/procedures/report_plot.hpp"
 #include "io/data/body_table.hpp"
+#include "io/document/atomic_file.hpp"
 #include "nlohmann/json.hpp"
+#include "procedures/body_recording.hpp"
+#include "procedures/report_plot.hpp"
 #include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {

@@ -3,9 +3,9 @@
 #include <string>
 #include <vector>
 
-#include "helix_arm/procedures/calibration_job.hpp"
-#include "helix_arm/procedures/captures.hpp"
-#include "helix_arm/procedures/settle_watch.hpp"
+#include "procedures/calibration_job.hpp"
+#include "procedures/captures.hpp"
+#include "procedures/settle_watch.hpp"
 
 /// From what nodes say, live or in a recording, to what a calibration takes.
 namespace helix_arm::ros_bridge {

@@ -1,4 +1,4 @@
-#include "helix_arm/basics/quote.hpp"
+#include "quote.hpp"
 
 #include <array>
 

@@ -1,4 +1,4 @@
-#include "helix_arm/basics/regular_file.hpp"
+#include "regular_file.hpp"
 
 #include <algorithm>
 #include <cerrno>

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <limits>
 
-#include "helix_arm/basics/text.hpp"
+#include "basics/text.hpp"
 #include "shape_model.hpp"
 
 namespace helix_arm::estimation {

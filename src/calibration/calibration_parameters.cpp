@@ -5,7 +5,7 @@
 #include <stdexcept>
 #include <utility>
 
-#include "helix_arm/basics/text.hpp"
+#include "basics/text.hpp"
 
 namespace helix_arm::estimation {
 namespace {

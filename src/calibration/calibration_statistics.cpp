@@ -8,8 +8,8 @@
 #include <optional>
 #include <utility>
 
+#include "basics/median.hpp"
 #include "calibration_fit.hpp"
-#include "helix_arm/basics/median.hpp"
 
 namespace helix_arm::estimation {
 namespace {

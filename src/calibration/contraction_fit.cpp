@@ -8,8 +8,8 @@
 #include <utility>
 #include <vector>
 
+#include "basics/median.hpp"
 #include "calibration_checks.hpp"
-#include "helix_arm/basics/median.hpp"
 
 namespace helix_arm::estimation {
 namespace {

@@ -9,9 +9,9 @@
 #include <utility>
 #include <variant>
 
-#include "helix_arm/basics/median.hpp"
-#include "helix_arm/basics/pi.hpp"
-#include "helix_arm/basics/text.hpp"
+#include "basics/median.hpp"
+#include "basics/pi.hpp"
+#include "basics/text.hpp"
 #include "helix_arm/lie/se3.hpp"
 
 namespace helix_arm::estimation {

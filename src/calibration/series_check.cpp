@@ -4,7 +4,7 @@
 #include <limits>
 #include <utility>
 
-#include "helix_arm/basics/median.hpp"
+#include "basics/median.hpp"
 #include "helix_arm/calibration/series_fit.hpp"
 #include "series_problem.hpp"
 

@@ -1,4 +1,4 @@
-#include "helix_arm/calibration/stand_fit.hpp"
+#include "stand_fit.hpp"
 
 #include <Eigen/Cholesky>
 #include <Eigen/QR>
@@ -7,8 +7,8 @@
 #include <utility>
 
 #include "basics/least_squares.hpp"
+#include "basics/median.hpp"
 #include "calibration_checks.hpp"
-#include "helix_arm/basics/median.hpp"
 #include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::estimation {

@@ -7,11 +7,11 @@
 #include <optional>
 #include <utility>
 
+#include "basics/median.hpp"
+#include "basics/pi.hpp"
 #include "calibration_fit.hpp"
 #include "calibration_problem.hpp"
 #include "fault_hypotheses.hpp"
-#include "helix_arm/basics/median.hpp"
-#include "helix_arm/basics/pi.hpp"
 
 namespace helix_arm::estimation {
 namespace {

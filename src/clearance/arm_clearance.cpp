@@ -5,7 +5,7 @@
 #include <optional>
 #include <utility>
 
-#include "helix_arm/basics/pi.hpp"
+#include "basics/pi.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "obstacle.hpp"

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <utility>
 
-#include "helix_arm/basics/text.hpp"
+#include "basics/text.hpp"
 
 namespace helix_arm::clearance {
 namespace {

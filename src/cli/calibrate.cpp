@@ -1,16 +1,16 @@
 #include <algorithm>
 
 #include "bag/bag_captures.hpp"
+#include "basics/quote.hpp"
 #include "command.hpp"
-#include "helix_arm/basics/quote.hpp"
 #include "helix_arm/calibration/calibration_parameters.hpp"
-#include "helix_arm/io/atomic_file.hpp"
-#include "helix_arm/io/number.hpp"
-#include "helix_arm/io/shipped_files.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/procedures/calibration_job.hpp"
-#include "helix_arm/procedures/stand_calibration.hpp"
+#include "io/document/atomic_file.hpp"
+#include "io/document/number.hpp"
+#include "io/scene/shipped_files.hpp"
 #include "measurements.hpp"
+#include "procedures/calibration_job.hpp"
+#include "procedures/stand_calibration.hpp"
 
 namespace helix_arm::cli {
 

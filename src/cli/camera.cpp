@@ -3,15 +3,15 @@
 #include <iostream>
 #include <thread>
 
+#include "basics/pi.hpp"
+#include "basics/quote.hpp"
 #include "command.hpp"
-#include "helix_arm/basics/pi.hpp"
-#include "helix_arm/basics/quote.hpp"
-#include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/calibrated_scene.hpp"
-#include "helix_arm/procedures/camera_placing.hpp"
-#include "helix_arm/regulator/regulator_io.hpp"
-#include "helix_arm/vision/camera_calibration.hpp"
-#include "helix_arm/vision/frame_source.hpp"
+#include "io/document/atomic_file.hpp"
+#include "procedures/camera_placing.hpp"
+#include "regulator/regulator_io.hpp"
+#include "vision/camera_calibration.hpp"
+#include "vision/frame_source.hpp"
 
 namespace helix_arm::cli {
 

@@ -1,8 +1,8 @@
+#include "basics/text.hpp"
 #include "command.hpp"
-#include "helix_arm/basics/text.hpp"
-#include "helix_arm/procedures/rig_check.hpp"
 #include "helix_arm/regulator/config.hpp"
 #include "helix_arm/regulator/driver.hpp"
+#include "procedures/rig_check.hpp"
 
 namespace helix_arm::cli {
 namespace {

@@ -7,12 +7,12 @@
 #include <iostream>
 #include <sstream>
 
-#include "helix_arm/basics/text.hpp"
+#include "basics/text.hpp"
 #include "helix_arm/control/target_check.hpp"
-#include "helix_arm/io/atomic_file.hpp"
-#include "helix_arm/io/number.hpp"
-#include "helix_arm/io/shipped_files.hpp"
 #include "helix_arm/statics/loaded.hpp"
+#include "io/document/atomic_file.hpp"
+#include "io/document/number.hpp"
+#include "io/scene/shipped_files.hpp"
 
 namespace helix_arm::cli {
 namespace {
@@ -201,12 +201,12 @@ Eigen::VectorXd inputsOf(const io::Scene& scene, const InputArguments& inputs) {
            inputs.si_option);
   refuseIf(in_kpa && hasTendon(arm), inputs.kpa_option, " is for pressures, but scene ", scene.name,
            " has tendons; give ", inputs.si_option, " in SI units (Pa or rad) for ",
-           basics::joined(actuatorNames(arm)));
+           basics::joined(arm.actuatorNames()));
   const std::string& option = in_kpa ? inputs.kpa_option : inputs.si_option;
   const std::vector<std::string> parts = wordsOf((in_kpa ? inputs.kpa : inputs.si) + ",");
   refuseIf(static_cast<int>(parts.size()) != arm.actuatorCount(), option, " has ", parts.size(),
            " values; scene ", scene.name, " has ", arm.actuatorCount(),
-           " actuators: ", basics::joined(actuatorNames(arm)));
+           " actuators: ", basics::joined(arm.actuatorNames()));
   Eigen::VectorXd out(arm.actuatorCount());
   for (int i = 0; i < arm.actuatorCount(); ++i) {
     const model::Actuator& actuator = arm.actuator(i);

@@ -16,8 +16,8 @@
 #include "CLI/CLI.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/io/scene.hpp"
-#include "helix_arm/vision/charuco_board.hpp"
 #include "output.hpp"
+#include "vision/charuco_board.hpp"
 
 // A command: its options, and the scene, inputs, model and board that these ask for.
 

@@ -1,9 +1,9 @@
 #include "bag/bag_captures.hpp"
+#include "basics/pi.hpp"
 #include "command.hpp"
-#include "helix_arm/basics/pi.hpp"
-#include "helix_arm/io/atomic_file.hpp"
-#include "helix_arm/procedures/commissioning.hpp"
+#include "io/document/atomic_file.hpp"
 #include "measurements.hpp"
+#include "procedures/commissioning.hpp"
 
 namespace helix_arm::cli {
 namespace {

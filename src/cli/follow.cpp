@@ -1,18 +1,18 @@
 #include <iostream>
 #include <sstream>
 
+#include "basics/quote.hpp"
+#include "basics/text.hpp"
 #include "command.hpp"
-#include "helix_arm/basics/quote.hpp"
-#include "helix_arm/basics/text.hpp"
-#include "helix_arm/io/atomic_file.hpp"
-#include "helix_arm/io/number.hpp"
-#include "helix_arm/io/tip_path_file.hpp"
-#include "helix_arm/procedures/budget_table.hpp"
-#include "helix_arm/procedures/calibration_job.hpp"
-#include "helix_arm/procedures/contact_proof.hpp"
-#include "helix_arm/procedures/follow_run.hpp"
-#include "helix_arm/procedures/loop_config.hpp"
-#include "helix_arm/procedures/report_plot.hpp"
+#include "io/data/tip_path_file.hpp"
+#include "io/document/atomic_file.hpp"
+#include "io/document/number.hpp"
+#include "procedures/budget_table.hpp"
+#include "procedures/calibration_job.hpp"
+#include "procedures/contact_proof.hpp"
+#include "procedures/follow_run.hpp"
+#include "procedures/loop_config.hpp"
+#include "procedures/report_plot.hpp"
 
 namespace helix_arm::cli {
 

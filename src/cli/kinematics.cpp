@@ -3,8 +3,8 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 
+#include "basics/text.hpp"
 #include "command.hpp"
-#include "helix_arm/basics/text.hpp"
 #include "helix_arm/clearance/sweep.hpp"
 #include "helix_arm/lie/se2.hpp"
 #include "helix_arm/model/curve.hpp"

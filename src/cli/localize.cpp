@@ -1,14 +1,14 @@
 #include <algorithm>
 #include <iostream>
 
+#include "basics/quote.hpp"
+#include "basics/text.hpp"
 #include "command.hpp"
-#include "helix_arm/basics/quote.hpp"
-#include "helix_arm/basics/text.hpp"
-#include "helix_arm/procedures/calibration_job.hpp"
-#include "helix_arm/procedures/captures.hpp"
 #include "helix_arm/vision/arm_localizer.hpp"
-#include "helix_arm/vision/frame_source.hpp"
 #include "measurements.hpp"
+#include "procedures/calibration_job.hpp"
+#include "procedures/captures.hpp"
+#include "vision/frame_source.hpp"
 
 namespace helix_arm::cli {
 namespace {

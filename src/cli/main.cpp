@@ -2,10 +2,10 @@
 #include <iostream>
 #include <map>
 
+#include "basics/quote.hpp"
 #include "command.hpp"
-#include "helix_arm/basics/quote.hpp"
 #include "helix_arm/io/fault_list.hpp"
-#include "helix_arm/io/shipped_files.hpp"
+#include "io/scene/shipped_files.hpp"
 
 namespace helix_arm::cli {
 namespace {

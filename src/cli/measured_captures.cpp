@@ -4,21 +4,21 @@
 #include <set>
 
 #include "bag/bag_captures.hpp"
+#include "basics/median.hpp"
+#include "basics/quote.hpp"
+#include "basics/text.hpp"
 #include "command.hpp"
-#include "helix_arm/basics/median.hpp"
-#include "helix_arm/basics/quote.hpp"
-#include "helix_arm/basics/text.hpp"
 #include "helix_arm/calibration/series_fit.hpp"
 #include "helix_arm/io/data_set.hpp"
 #include "helix_arm/io/tag_table.hpp"
 #include "helix_arm/localization/tag_layout.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/procedures/calibration_job.hpp"
-#include "helix_arm/procedures/captures.hpp"
-#include "helix_arm/procedures/report_plot.hpp"
-#include "helix_arm/procedures/response_series.hpp"
-#include "helix_arm/procedures/stand_calibration.hpp"
 #include "measurements.hpp"
+#include "procedures/calibration_job.hpp"
+#include "procedures/captures.hpp"
+#include "procedures/report_plot.hpp"
+#include "procedures/response_series.hpp"
+#include "procedures/stand_calibration.hpp"
 
 namespace helix_arm::cli {
 namespace {

@@ -2,10 +2,10 @@
 
 #include <iostream>
 
+#include "basics/text.hpp"
 #include "command.hpp"
-#include "helix_arm/basics/text.hpp"
-#include "helix_arm/io/number.hpp"
 #include "helix_arm/model/curve.hpp"
+#include "io/document/number.hpp"
 
 namespace helix_arm::cli {
 namespace {

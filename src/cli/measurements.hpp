@@ -3,7 +3,7 @@
 #include "command.hpp"
 #include "helix_arm/io/data_set.hpp"
 #include "helix_arm/localization/twist_fit.hpp"
-#include "helix_arm/procedures/body_recording.hpp"
+#include "procedures/body_recording.hpp"
 
 namespace helix_arm::cli {
 

@@ -4,10 +4,10 @@
 
 #include "command.hpp"
 #include "helix_arm/dynamics/arm_motion.hpp"
-#include "helix_arm/io/atomic_file.hpp"
-#include "helix_arm/procedures/report_plot.hpp"
-#include "helix_arm/regulator/regulator_io.hpp"
+#include "io/document/atomic_file.hpp"
 #include "measurements.hpp"
+#include "procedures/report_plot.hpp"
+#include "regulator/regulator_io.hpp"
 
 namespace helix_arm::cli {
 namespace {

@@ -6,15 +6,15 @@
 
 #include <unistd.h>
 
+#include "basics/pi.hpp"
 #include "command.hpp"
-#include "helix_arm/basics/pi.hpp"
 #include "helix_arm/calibration/series_fit.hpp"
-#include "helix_arm/io/atomic_file.hpp"
-#include "helix_arm/io/number.hpp"
-#include "helix_arm/io/regulator_profile.hpp"
-#include "helix_arm/procedures/captures.hpp"
-#include "helix_arm/procedures/report_plot.hpp"
-#include "helix_arm/procedures/response_series.hpp"
+#include "io/document/atomic_file.hpp"
+#include "io/document/number.hpp"
+#include "io/scene/regulator_profile.hpp"
+#include "procedures/captures.hpp"
+#include "procedures/report_plot.hpp"
+#include "procedures/response_series.hpp"
 
 namespace helix_arm::cli {
 namespace {

@@ -4,8 +4,8 @@
 #include <limits>
 #include <sstream>
 
+#include "basics/text.hpp"
 #include "command.hpp"
-#include "helix_arm/basics/text.hpp"
 #include "helix_arm/lie/so3.hpp"
 
 namespace helix_arm::cli {
@@ -140,14 +140,8 @@ std::string limitsText(const model::Arm& arm, const std::vector<statics::Limit>&
   return basics::joined(parts);
 }
 
-std::vector<std::string> actuatorNames(const model::Arm& arm) {
-  std::vector<std::string> names;
-  for (int i = 0; i < arm.actuatorCount(); ++i) names.push_back(arm.actuator(i).name);
-  return names;
-}
-
 void addInputs(const model::Arm& arm, const Eigen::VectorXd& inputs, json& result) {
-  result["actuators"] = actuatorNames(arm);
+  result["actuators"] = arm.actuatorNames();
   if (!hasTendon(arm)) {
     result["pressure_pa"] = inputs;
     return;

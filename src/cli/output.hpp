@@ -82,8 +82,6 @@ json valueIf(bool wanted, const Value& value) {
 /// Readings in kPa: "muscle_1 12.3 kPa, muscle_2 no reading".
 std::string pressureText(const model::Arm& arm, const Eigen::VectorXd& pressure, int decimals = 1);
 
-std::vector<std::string> actuatorNames(const model::Arm& arm);
-
 /// Adds `actuators` and their inputs: `pressure_pa`, or, where there are tendons, `input` and
 /// `input_unit`.
 void addInputs(const model::Arm& arm, const Eigen::VectorXd& inputs, json& result);

@@ -1,10 +1,10 @@
 #include <iostream>
 
+#include "basics/text.hpp"
 #include "command.hpp"
-#include "helix_arm/basics/text.hpp"
 #include "helix_arm/control/tip_path.hpp"
-#include "helix_arm/io/atomic_file.hpp"
-#include "helix_arm/io/tip_path_file.hpp"
+#include "io/data/tip_path_file.hpp"
+#include "io/document/atomic_file.hpp"
 
 namespace helix_arm::cli {
 namespace {

@@ -6,12 +6,12 @@
 #include <future>
 #include <thread>
 
+#include "basics/median.hpp"
+#include "basics/text.hpp"
 #include "command.hpp"
-#include "helix_arm/basics/median.hpp"
-#include "helix_arm/basics/text.hpp"
-#include "helix_arm/procedures/report_plot.hpp"
 #include "helix_arm/statics/attain.hpp"
 #include "helix_arm/statics/workspace.hpp"
+#include "procedures/report_plot.hpp"
 
 namespace helix_arm::cli {
 namespace {

@@ -2,8 +2,8 @@
 #include <iostream>
 
 #include "command.hpp"
-#include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/planning/pressure_planner.hpp"
+#include "io/document/atomic_file.hpp"
 
 namespace helix_arm::cli {
 namespace {

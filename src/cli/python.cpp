@@ -4,8 +4,8 @@
 #include <unistd.h>
 
 #include "command.hpp"
-#include "helix_arm/io/shipped_files.hpp"
-#include "helix_arm/procedures/report_plot.hpp"
+#include "io/scene/shipped_files.hpp"
+#include "procedures/report_plot.hpp"
 
 namespace helix_arm::cli {
 

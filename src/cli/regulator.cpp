@@ -12,16 +12,16 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include "basics/text.hpp"
 #include "command.hpp"
-#include "helix_arm/basics/text.hpp"
 #include "helix_arm/clearance/sweep.hpp"
 #include "helix_arm/control/safety.hpp"
 #include "helix_arm/regulator/config.hpp"
 #include "helix_arm/regulator/driver.hpp"
-#include "helix_arm/regulator/guard_process.hpp"
-#include "helix_arm/regulator/realtime.hpp"
-#include "helix_arm/regulator/regulator_io.hpp"
-#include "helix_arm/simulation/emulated_device.hpp"
+#include "regulator/guard_process.hpp"
+#include "regulator/realtime.hpp"
+#include "regulator/regulator_io.hpp"
+#include "simulation/emulated_device.hpp"
 
 namespace helix_arm::cli {
 namespace {
@@ -209,7 +209,7 @@ int ventRegulator(const RegulatorOptions& options, const GlobalOptions& global) 
   json report{
       {"vented", vented}, {"pressure_pa", result.pressure}, {"reason", textOrNull(result.reason)}};
   json shown = report;
-  shown["actuators"] = actuatorNames(scene.arm);  // tells whose the pressures are
+  shown["actuators"] = scene.arm.actuatorNames();  // tells whose the pressures are
   shown["vented_below_kpa"] = scene.safety.rules.vented_below / 1e3;
   printResult(global.format, report, vented ? shown : json(), Csv{{"vented", "pressure_pa"}});
   return endOf(vented ? "" : "not vented: " + result.reason);
@@ -355,7 +355,7 @@ int setRegulator(const RegulatorOptions& options, const GlobalOptions& global) {
                     {"state", state},
                     {"reason", textOrNull(outcome.reason)}};
   json shown = without(report, {"reason"});
-  shown["actuators"] = actuatorNames(scene.arm);
+  shown["actuators"] = scene.arm.actuatorNames();
   printResult(global.format, report, shown, [&](std::ostream& out) {
     CsvTable table(out, {"name", "target_pa", "pressure_pa", "state"});
     for (int i = 0; i < scene.arm.actuatorCount(); ++i) {

@@ -7,19 +7,19 @@
 #include <random>
 #include <stdexcept>
 
+#include "basics/quote.hpp"
+#include "basics/text.hpp"
 #include "command.hpp"
-#include "helix_arm/basics/quote.hpp"
-#include "helix_arm/basics/text.hpp"
-#include "helix_arm/io/number.hpp"
 #include "helix_arm/io/tag_table.hpp"
 #include "helix_arm/localization/arm_view.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/procedures/commissioning.hpp"
-#include "helix_arm/simulation/camera.hpp"
-#include "helix_arm/simulation/rig.hpp"
-#include "helix_arm/vision/jpeg.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
+#include "io/document/number.hpp"
 #include "measurements.hpp"
+#include "procedures/commissioning.hpp"
+#include "simulation/camera.hpp"
+#include "simulation/rig.hpp"
+#include "vision/jpeg.hpp"
 
 namespace helix_arm::cli {
 namespace {

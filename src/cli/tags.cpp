@@ -1,14 +1,14 @@
 #include <algorithm>
 #include <filesystem>
 
+#include "basics/text.hpp"
 #include "command.hpp"
-#include "helix_arm/basics/text.hpp"
-#include "helix_arm/io/number.hpp"
-#include "helix_arm/procedures/report_plot.hpp"
-#include "helix_arm/procedures/rig_check.hpp"
-#include "helix_arm/procedures/unrolled_tags.hpp"
-#include "helix_arm/vision/charuco_board.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
+#include "io/document/number.hpp"
+#include "procedures/report_plot.hpp"
+#include "procedures/rig_check.hpp"
+#include "procedures/unrolled_tags.hpp"
+#include "vision/charuco_board.hpp"
 
 namespace helix_arm::cli {
 

@@ -5,8 +5,8 @@
 #include <map>
 #include <utility>
 
-#include "helix_arm/basics/pi.hpp"
-#include "helix_arm/basics/quote.hpp"
+#include "basics/pi.hpp"
+#include "basics/quote.hpp"
 #include "output.hpp"
 
 namespace helix_arm::cli {

@@ -3,20 +3,20 @@
 #include <iostream>
 #include <limits>
 
+#include "basics/median.hpp"
+#include "basics/text.hpp"
 #include "command.hpp"
-#include "helix_arm/basics/median.hpp"
-#include "helix_arm/basics/text.hpp"
-#include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/localization/arm_view.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/procedures/report_plot.hpp"
-#include "helix_arm/regulator/regulator_io.hpp"
-#include "helix_arm/simulation/rig.hpp"
 #include "helix_arm/statics/exact.hpp"
 #include "helix_arm/statics/loaded.hpp"
 #include "helix_arm/statics/stiffness_by_input.hpp"
 #include "helix_arm/statics/tier.hpp"
 #include "helix_arm/vision/arm_localizer.hpp"
+#include "io/document/atomic_file.hpp"
+#include "procedures/report_plot.hpp"
+#include "regulator/regulator_io.hpp"
+#include "simulation/rig.hpp"
 
 namespace helix_arm::cli {
 namespace {

@@ -10,14 +10,14 @@
 #include <sstream>
 #include <thread>
 
+#include "basics/median.hpp"
 #include "command.hpp"
-#include "helix_arm/basics/median.hpp"
 #include "helix_arm/clearance/sweep.hpp"
-#include "helix_arm/io/atomic_file.hpp"
-#include "helix_arm/procedures/report_plot.hpp"
-#include "helix_arm/regulator/regulator_io.hpp"
 #include "helix_arm/statics/tier.hpp"
+#include "io/document/atomic_file.hpp"
 #include "measurements.hpp"
+#include "procedures/report_plot.hpp"
+#include "regulator/regulator_io.hpp"
 
 static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "its PLY files are little-endian");
 

@@ -5,8 +5,8 @@
 #include <cmath>
 #include <utility>
 
+#include "basics/text.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/basics/text.hpp"
 
 namespace helix_arm::control {
 namespace {

@@ -5,8 +5,8 @@
 #include <cmath>
 #include <sstream>
 
-#include "helix_arm/basics/quote.hpp"
-#include "helix_arm/basics/text.hpp"
+#include "basics/quote.hpp"
+#include "basics/text.hpp"
 #include "helix_arm/control/safety.hpp"
 #include "helix_arm/statics/inverse.hpp"
 
@@ -28,12 +28,6 @@ Refusal refuse(Fault fault, const Parts&... parts) {
   return {fault, message.str()};
 }
 
-std::string listOfNames(const model::Arm& arm) {
-  std::string list;
-  for (int i = 0; i < arm.actuatorCount(); ++i) list += (i ? ", " : "") + arm.actuator(i).name;
-  return list;
-}
-
 int indexOf(const model::Arm& arm, const std::string& name) {
   for (int i = 0; i < arm.actuatorCount(); ++i) {
     if (arm.actuator(i).name == name) return i;
@@ -49,14 +43,15 @@ Checked<Eigen::VectorXd> assign(const model::Arm& arm, Eigen::VectorXd wanted,
   if (pressure.size() != expected) {
     return refuse(Fault::kWrongSize, pressure.size(), " pressures for ", expected,
                   name.empty() ? " actuators (without names, all of the arm)" : " names",
-                  "; send one pressure for each of ", listOfNames(arm), ", or name the actuators");
+                  "; send one pressure for each of ", basics::joined(arm.actuatorNames()),
+                  ", or name the actuators");
   }
   std::vector<bool> seen(arm.actuatorCount(), false);
   for (std::size_t j = 0; j < pressure.size(); ++j) {
     const int i = name.empty() ? static_cast<int>(j) : indexOf(arm, name[j]);
     if (i < 0) {
       return refuse(Fault::kUnknownName, "no actuator is named '", basics::quoted(name[j]),
-                    "'; the arm has ", listOfNames(arm));
+                    "'; the arm has ", basics::joined(arm.actuatorNames()));
     }
     const model::Actuator& actuator = arm.actuator(i);
     if (seen[i]) {
@@ -130,7 +125,7 @@ Checked<Eigen::VectorXd> checkReading(const model::Arm& arm, const std::vector<s
                                       const std::vector<double>& pressure) {
   if (!name.empty() && static_cast<int>(name.size()) < arm.actuatorCount()) {
     return refuse(Fault::kWrongSize, name.size(), " names for ", arm.actuatorCount(),
-                  " actuators; send a reading of each of ", listOfNames(arm));
+                  " actuators; send a reading of each of ", basics::joined(arm.actuatorNames()));
   }
   return assign(arm, Eigen::VectorXd::Zero(arm.actuatorCount()), name, pressure,
                 [](const model::Range&) { return kPossibleReading; });

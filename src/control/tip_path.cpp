@@ -6,7 +6,7 @@
 #include <cmath>
 #include <string>
 
-#include "helix_arm/basics/pi.hpp"
+#include "basics/pi.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/statics/inverse.hpp"
 

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <stdexcept>
 
-#include "helix_arm/basics/pi.hpp"
+#include "basics/pi.hpp"
 #include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::dynamics {

@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <limits>
 
-#include "helix_arm/basics/pi.hpp"
+#include "basics/pi.hpp"
 #include "helix_arm/model/curve.hpp"
 
 namespace helix_arm::follow {

@@ -11,7 +11,7 @@
 
 #include "aim.hpp"
 #include "arm_swing.hpp"
-#include "helix_arm/basics/pi.hpp"
+#include "basics/pi.hpp"
 #include "helix_arm/control/pressure_observer.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/tracking/arm_filter.hpp"

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <complex>
 
-#include "helix_arm/basics/pi.hpp"
+#include "basics/pi.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/follow/visual_servo.hpp"
 

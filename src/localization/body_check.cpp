@@ -5,8 +5,8 @@
 #include <functional>
 #include <utility>
 
-#include "helix_arm/basics/pi.hpp"
-#include "helix_arm/basics/text.hpp"
+#include "basics/pi.hpp"
+#include "basics/text.hpp"
 #include "helix_arm/model/curve.hpp"
 
 namespace helix_arm::estimation {

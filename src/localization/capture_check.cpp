@@ -4,7 +4,7 @@
 #include <cstddef>
 #include <utility>
 
-#include "helix_arm/basics/median.hpp"
+#include "basics/median.hpp"
 
 namespace helix_arm::estimation {
 namespace {

@@ -3,7 +3,7 @@
 #include <Eigen/Cholesky>
 #include <cmath>
 
-#include "helix_arm/basics/pi.hpp"
+#include "basics/pi.hpp"
 
 namespace helix_arm::estimation {
 namespace {

@@ -6,8 +6,8 @@
 #include <cmath>
 #include <utility>
 
-#include "helix_arm/basics/pi.hpp"
-#include "helix_arm/basics/text.hpp"
+#include "basics/pi.hpp"
+#include "basics/text.hpp"
 
 namespace helix_arm::estimation {
 namespace {

@@ -332,6 +332,14 @@ double ArmOf<Group>::restLength() const {
 }
 
 template <class Group>
+std::vector<std::string> ArmOf<Group>::actuatorNames() const {
+  std::vector<std::string> names;
+  names.reserve(actuators_.size());
+  for (const ActuatorOf<Group>& actuator : actuators_) names.push_back(actuator.name);
+  return names;
+}
+
+template <class Group>
 double ArmOf<Group>::freeLength(int k) const {
   double sum = 0.0;
   for (int i = first_[k]; i < first_[k + 1]; ++i) sum += actuators_[i].contraction.restLength();

@@ -5,8 +5,8 @@
 #include <limits>
 #include <stdexcept>
 
+#include "basics/text.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/basics/text.hpp"
 
 namespace helix_arm::model {
 namespace {

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "helix_arm/basics/pi.hpp"
+#include "basics/pi.hpp"
 #include "helix_arm/basics/requirement.hpp"
 
 namespace helix_arm::model {

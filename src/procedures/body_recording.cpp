@@ -1,11 +1,11 @@
-#include "helix_arm/procedures/body_recording.hpp"
+#include "body_recording.hpp"
 
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <utility>
 
-#include "helix_arm/basics/text.hpp"
+#include "basics/text.hpp"
 #include "helix_arm/io/fault_list.hpp"
 #include "io/data/body_table.hpp"
 

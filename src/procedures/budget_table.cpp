@@ -1,11 +1,11 @@
-#include "helix_arm/procedures/budget_table.hpp"
+#include "budget_table.hpp"
 
 #include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
 #include <vector>
 
-#include "helix_arm/basics/text.hpp"
+#include "basics/text.hpp"
 
 namespace helix_arm::procedures {
 namespace {

@@ -1,4 +1,4 @@
-#include "helix_arm/procedures/calibration_job.hpp"
+#include "calibration_job.hpp"
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
@@ -14,18 +14,18 @@
 #include <variant>
 #include <vector>
 
+#include "basics/median.hpp"
+#include "basics/pi.hpp"
+#include "basics/text.hpp"
 #include "calibration/series_orientation.hpp"
+#include "captures.hpp"
 #include "curve_in_arm.hpp"
-#include "helix_arm/basics/median.hpp"
-#include "helix_arm/basics/pi.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/basics/text.hpp"
 #include "helix_arm/calibration/calibration.hpp"
 #include "helix_arm/calibration/calibration_parameters.hpp"
 #include "helix_arm/io/calibrated_scene.hpp"
-#include "helix_arm/io/number.hpp"
 #include "helix_arm/io/scene.hpp"
-#include "helix_arm/procedures/captures.hpp"
+#include "io/document/number.hpp"
 
 namespace helix_arm::procedures {
 

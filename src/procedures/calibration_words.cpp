@@ -2,8 +2,8 @@
 #include <cstdlib>
 #include <set>
 
-#include "helix_arm/basics/text.hpp"
-#include "helix_arm/procedures/calibration_job.hpp"
+#include "basics/text.hpp"
+#include "calibration_job.hpp"
 
 namespace helix_arm::procedures {
 namespace {

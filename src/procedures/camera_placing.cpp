@@ -1,16 +1,16 @@
-#include "helix_arm/procedures/camera_placing.hpp"
+#include "camera_placing.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <map>
 #include <utility>
 
-#include "helix_arm/basics/pi.hpp"
+#include "basics/pi.hpp"
+#include "basics/text.hpp"
+#include "calibration_job.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/basics/text.hpp"
-#include "helix_arm/io/number.hpp"
-#include "helix_arm/procedures/calibration_job.hpp"
-#include "helix_arm/vision/camera_calibration.hpp"
+#include "io/document/number.hpp"
+#include "vision/camera_calibration.hpp"
 
 namespace helix_arm::procedures {
 namespace {

@@ -1,4 +1,4 @@
-#include "helix_arm/procedures/captures.hpp"
+#include "captures.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -10,11 +10,11 @@
 #include <utility>
 #include <variant>
 
-#include "helix_arm/basics/text.hpp"
+#include "basics/text.hpp"
 #include "helix_arm/calibration/suspects.hpp"
 #include "helix_arm/io/fault_list.hpp"
-#include "helix_arm/io/number.hpp"
 #include "helix_arm/io/tag_table.hpp"
+#include "io/document/number.hpp"
 
 namespace helix_arm::procedures {
 namespace {

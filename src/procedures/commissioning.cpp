@@ -1,4 +1,4 @@
-#include "helix_arm/procedures/commissioning.hpp"
+#include "commissioning.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -7,19 +7,19 @@
 #include <utility>
 #include <variant>
 
-#include "helix_arm/basics/median.hpp"
-#include "helix_arm/basics/pi.hpp"
+#include "basics/median.hpp"
+#include "basics/pi.hpp"
+#include "basics/text.hpp"
+#include "calibration_job.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/basics/text.hpp"
-#include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/calibrated_scene.hpp"
-#include "helix_arm/io/number.hpp"
 #include "helix_arm/localization/arm_view.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/procedures/calibration_job.hpp"
-#include "helix_arm/simulation/bodies.hpp"
-#include "helix_arm/simulation/rig.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
+#include "io/document/atomic_file.hpp"
+#include "io/document/number.hpp"
+#include "simulation/bodies.hpp"
+#include "simulation/rig.hpp"
 
 namespace helix_arm::procedures {
 namespace {

@@ -1,4 +1,4 @@
-#include "helix_arm/procedures/contact_proof.hpp"
+#include "contact_proof.hpp"
 
 #include <Eigen/Core>
 #include <algorithm>
@@ -7,10 +7,10 @@
 #include <random>
 #include <stdexcept>
 
-#include "helix_arm/basics/text.hpp"
+#include "basics/text.hpp"
+#include "calibration_job.hpp"
 #include "helix_arm/follow/path_check.hpp"
 #include "helix_arm/io/calibrated_scene.hpp"
-#include "helix_arm/procedures/calibration_job.hpp"
 #include "helix_arm/tracking/tip_compliance.hpp"
 
 namespace helix_arm::procedures {

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "helix_arm/basics/text.hpp"
+#include "basics/text.hpp"
 #include "helix_arm/localization/gaussian.hpp"
 
 namespace helix_arm::procedures {

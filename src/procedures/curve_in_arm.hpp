@@ -2,9 +2,9 @@
 
 #include <vector>
 
+#include "calibration_job.hpp"
 #include "helix_arm/calibration/calibration.hpp"
 #include "helix_arm/calibration/contraction_fit.hpp"
-#include "helix_arm/procedures/calibration_job.hpp"
 
 /// A contraction curve that is fitted to free lengths and to captures of an arm together.
 namespace helix_arm::procedures {

@@ -1,4 +1,4 @@
-#include "helix_arm/procedures/follow_run.hpp"
+#include "follow_run.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -10,11 +10,11 @@
 #include <variant>
 #include <vector>
 
+#include "commissioning.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/clearance/sweep.hpp"
 #include "helix_arm/control/safety.hpp"
-#include "helix_arm/procedures/commissioning.hpp"
-#include "helix_arm/procedures/suspect_watch.hpp"
+#include "suspect_watch.hpp"
 
 namespace helix_arm::procedures {
 

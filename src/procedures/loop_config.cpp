@@ -1,15 +1,15 @@
-#include "helix_arm/procedures/loop_config.hpp"
+#include "loop_config.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <optional>
 #include <string>
 
+#include "basics/text.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/basics/text.hpp"
 #include "helix_arm/calibration/calibration_parameters.hpp"
-#include "helix_arm/io/number.hpp"
 #include "helix_arm/localization/rig_memory.hpp"
+#include "io/document/number.hpp"
 
 namespace helix_arm::procedures {
 namespace {

@@ -1,11 +1,11 @@
-#include "helix_arm/procedures/pressure_plan.hpp"
+#include "pressure_plan.hpp"
 
 #include <array>
 #include <cmath>
 #include <stdexcept>
 #include <string>
 
-#include "helix_arm/basics/pi.hpp"
+#include "basics/pi.hpp"
 
 namespace helix_arm::procedures {
 namespace {

@@ -1,4 +1,4 @@
-#include "helix_arm/procedures/report_plot.hpp"
+#include "report_plot.hpp"
 
 #include <cerrno>
 #include <fstream>
@@ -13,8 +13,8 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "helix_arm/io/atomic_file.hpp"
-#include "helix_arm/io/shipped_files.hpp"
+#include "io/document/atomic_file.hpp"
+#include "io/scene/shipped_files.hpp"
 
 namespace helix_arm::procedures {
 namespace {

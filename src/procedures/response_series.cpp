@@ -1,4 +1,4 @@
-#include "helix_arm/procedures/response_series.hpp"
+#include "response_series.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -8,9 +8,9 @@
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/io/data_set.hpp"
 #include "helix_arm/io/fault_list.hpp"
-#include "helix_arm/io/number.hpp"
 #include "helix_arm/io/tag_table.hpp"
-#include "helix_arm/response/response_fit.hpp"
+#include "io/document/number.hpp"
+#include "response/response_fit.hpp"
 
 namespace helix_arm::procedures {
 namespace {

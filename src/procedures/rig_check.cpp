@@ -1,4 +1,4 @@
-#include "helix_arm/procedures/rig_check.hpp"
+#include "rig_check.hpp"
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
@@ -10,22 +10,22 @@
 #include <variant>
 #include <vector>
 
-#include "helix_arm/basics/median.hpp"
-#include "helix_arm/basics/pi.hpp"
-#include "helix_arm/basics/text.hpp"
+#include "basics/median.hpp"
+#include "basics/pi.hpp"
+#include "basics/text.hpp"
 #include "helix_arm/clearance/sweep.hpp"
-#include "helix_arm/io/number.hpp"
 #include "helix_arm/localization/arm_view.hpp"
 #include "helix_arm/localization/placed_view.hpp"
 #include "helix_arm/localization/tag_layout.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/procedures/loop_config.hpp"
-#include "helix_arm/procedures/unrolled_tags.hpp"
 #include "helix_arm/regulator/config.hpp"
-#include "helix_arm/simulation/simulated_vision.hpp"
 #include "helix_arm/statics/load.hpp"
 #include "helix_arm/statics/tier.hpp"
 #include "helix_arm/statics/workspace.hpp"
+#include "io/document/number.hpp"
+#include "loop_config.hpp"
+#include "simulation/simulated_vision.hpp"
+#include "unrolled_tags.hpp"
 
 namespace helix_arm::procedures {
 namespace {

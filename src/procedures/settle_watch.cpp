@@ -1,4 +1,4 @@
-#include "helix_arm/procedures/settle_watch.hpp"
+#include "settle_watch.hpp"
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -6,9 +6,9 @@
 #include <map>
 #include <utility>
 
-#include "helix_arm/basics/median.hpp"
+#include "basics/median.hpp"
+#include "basics/text.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/basics/text.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/model/arm_response.hpp"
 
@@ -28,12 +28,6 @@ lie::SE3 TagObservation::X_FM() const {
 }
 
 namespace {
-
-std::vector<std::string> namesOf(const model::Arm& arm) {
-  std::vector<std::string> names;
-  for (int i = 0; i < arm.actuatorCount(); ++i) names.push_back(arm.actuator(i).name);
-  return names;
-}
 
 // All coordinates of a tag or body.
 Eigen::Map<const Eigen::ArrayXd> coordinatesOf(const TagObservation& one) {
@@ -138,7 +132,7 @@ SettleWatch::SettleWatch(std::vector<std::string> names, const SettleRules& rule
 }
 
 SettleWatch::SettleWatch(const model::Arm& arm, const SettleRules& rules)
-    : SettleWatch(namesOf(arm), rules) {
+    : SettleWatch(arm.actuatorNames(), rules) {
   waitForRest(arm);
 }
 

@@ -1,13 +1,13 @@
-#include "helix_arm/procedures/stand_calibration.hpp"
+#include "stand_calibration.hpp"
 
 #include <set>
 #include <utility>
 
+#include "basics/text.hpp"
+#include "calibration_job.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/calibrated_scene.hpp"
 #include "helix_arm/io/data_set.hpp"
-#include "helix_arm/procedures/calibration_job.hpp"
 
 namespace helix_arm::procedures {
 namespace {

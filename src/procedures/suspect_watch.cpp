@@ -1,11 +1,11 @@
-#include "helix_arm/procedures/suspect_watch.hpp"
+#include "suspect_watch.hpp"
 
 #include <algorithm>
 #include <chrono>
 #include <optional>
 #include <utility>
 
-#include "helix_arm/procedures/captures.hpp"
+#include "captures.hpp"
 
 namespace helix_arm::procedures {
 namespace {

@@ -1,11 +1,11 @@
-#include "helix_arm/procedures/unrolled_tags.hpp"
+#include "unrolled_tags.hpp"
 
 #include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
 #include <vector>
 
-#include "helix_arm/basics/pi.hpp"
+#include "basics/pi.hpp"
 
 namespace helix_arm::procedures {
 namespace {

@@ -10,8 +10,8 @@
 
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/io/fault_list.hpp"
-#include "helix_arm/io/shipped_files.hpp"
 #include "helix_arm/lie/so3.hpp"
+#include "io/scene/shipped_files.hpp"
 
 namespace helix_arm::python {
 namespace {
@@ -25,13 +25,6 @@ bool same(const statics::InverseOptions& a, const statics::InverseOptions& b) {
 }
 
 using Pairs = std::vector<std::pair<std::string, std::string>>;
-
-std::vector<std::string> actuatorNames(const Scene& scene) {
-  std::vector<std::string> names;
-  for (int i = 0; i < scene.arm().actuatorCount(); ++i)
-    names.push_back(scene.arm().actuator(i).name);
-  return names;
-}
 
 py::array_t<double> limitsOf(const Scene& scene) {
   py::array_t<double> out({scene.arm().actuatorCount(), 2});
@@ -86,8 +79,9 @@ void bindScene(py::class_<Scene>& scene) {
                              })
       .def_property_readonly(
           "name", [](const Scene& self) { return self.scene().name; }, "Name of the scene.")
-      .def_property_readonly("actuators", actuatorNames,
-                             "Names of the n actuators, in the order of all rows of pressures.")
+      .def_property_readonly(
+          "actuators", [](const Scene& self) { return self.arm().actuatorNames(); },
+          "Names of the n actuators, in the order of all rows of pressures.")
       .def_property_readonly(
           "sections", [](const Scene& self) { return self.arm().sectionCount(); },
           "Number of sections.")

@@ -18,7 +18,7 @@
 #include <pybind11/pybind11.h>
 #include <unistd.h>
 
-#include "helix_arm/basics/mutex.hpp"
+#include "basics/mutex.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/lie/se3.hpp"
 #include "helix_arm/statics/inverse.hpp"

@@ -8,9 +8,9 @@
 
 #include "bindings.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/procedures/follow_run.hpp"
-#include "helix_arm/response/mode_fit.hpp"
-#include "helix_arm/simulation/rig.hpp"
+#include "procedures/follow_run.hpp"
+#include "response/mode_fit.hpp"
+#include "simulation/rig.hpp"
 
 namespace helix_arm::python {
 namespace {

@@ -9,17 +9,17 @@
 
 #include "bindings.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/data_set.hpp"
 #include "helix_arm/io/tag_table.hpp"
 #include "helix_arm/localization/twist_fit.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/procedures/calibration_job.hpp"
-#include "helix_arm/procedures/captures.hpp"
-#include "helix_arm/procedures/contact_proof.hpp"
-#include "helix_arm/procedures/follow_run.hpp"
-#include "helix_arm/procedures/response_series.hpp"
 #include "helix_arm/vision/arm_localizer.hpp"
+#include "io/document/atomic_file.hpp"
+#include "procedures/calibration_job.hpp"
+#include "procedures/captures.hpp"
+#include "procedures/contact_proof.hpp"
+#include "procedures/follow_run.hpp"
+#include "procedures/response_series.hpp"
 
 namespace helix_arm::python {
 namespace {

@@ -5,15 +5,15 @@
 #include <pybind11/eigen.h>
 #include <pybind11/stl.h>
 
+#include "basics/quote.hpp"
 #include "bindings.hpp"
-#include "helix_arm/basics/quote.hpp"
 #include "helix_arm/control/target_check.hpp"
-#include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/data_set.hpp"
-#include "helix_arm/io/number.hpp"
-#include "helix_arm/io/shipped_files.hpp"
-#include "helix_arm/io/tip_path_file.hpp"
-#include "helix_arm/procedures/pressure_plan.hpp"
+#include "io/data/tip_path_file.hpp"
+#include "io/document/atomic_file.hpp"
+#include "io/document/number.hpp"
+#include "io/scene/shipped_files.hpp"
+#include "procedures/pressure_plan.hpp"
 
 namespace helix_arm::python {
 namespace {

@@ -9,18 +9,18 @@
 #include <pybind11/stl.h>
 
 #include "bag/bag_captures.hpp"
+#include "basics/text.hpp"
 #include "bindings.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/basics/text.hpp"
 #include "helix_arm/calibration/calibration_parameters.hpp"
 #include "helix_arm/control/target_check.hpp"
-#include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/model/arm_response.hpp"
-#include "helix_arm/procedures/captures.hpp"
-#include "helix_arm/procedures/commissioning.hpp"
-#include "helix_arm/procedures/pressure_plan.hpp"
-#include "helix_arm/procedures/response_series.hpp"
-#include "helix_arm/procedures/settle_watch.hpp"
+#include "io/document/atomic_file.hpp"
+#include "procedures/captures.hpp"
+#include "procedures/commissioning.hpp"
+#include "procedures/pressure_plan.hpp"
+#include "procedures/response_series.hpp"
+#include "procedures/settle_watch.hpp"
 
 namespace helix_arm::python {
 namespace {

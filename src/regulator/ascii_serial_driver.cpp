@@ -3,12 +3,12 @@
 #include <exception>
 #include <utility>
 
-#include "helix_arm/basics/quote.hpp"
+#include "basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/regulator/config.hpp"
-#include "helix_arm/regulator/line_format.hpp"
-#include "helix_arm/regulator/regulator_io.hpp"
+#include "line_format.hpp"
+#include "regulator_io.hpp"
 #include "serial_port.hpp"
 
 namespace helix_arm::regulator {

@@ -1,6 +1,6 @@
 #include "helix_arm/regulator/config.hpp"
 
-#include "helix_arm/basics/text.hpp"
+#include "basics/text.hpp"
 
 namespace helix_arm::regulator {
 

@@ -1,4 +1,4 @@
-#include "helix_arm/regulator/guard_process.hpp"
+#include "guard_process.hpp"
 
 #include <cerrno>
 #include <chrono>
@@ -13,7 +13,7 @@
 #include <unistd.h>
 
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/regulator/realtime.hpp"
+#include "realtime.hpp"
 
 namespace helix_arm::regulator {
 namespace {

@@ -1,4 +1,4 @@
-#include "helix_arm/regulator/line_format.hpp"
+#include "line_format.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -6,7 +6,7 @@
 #include <initializer_list>
 #include <stdexcept>
 
-#include "helix_arm/basics/quote.hpp"
+#include "basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/regulator/config.hpp"
 #include "serial_port.hpp"

@@ -12,11 +12,11 @@
 
 #include <unistd.h>
 
+#include "basics/text.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/basics/text.hpp"
 #include "helix_arm/regulator/config.hpp"
-#include "helix_arm/regulator/regulator_io.hpp"
 #include "modbus/modbus.h"
+#include "regulator_io.hpp"
 #include "tcp_link.hpp"
 
 namespace helix_arm::regulator {

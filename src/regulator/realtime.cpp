@@ -1,4 +1,4 @@
-#include "helix_arm/regulator/realtime.hpp"
+#include "realtime.hpp"
 
 #include <cerrno>
 #include <cstring>

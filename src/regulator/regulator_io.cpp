@@ -1,4 +1,4 @@
-#include "helix_arm/regulator/regulator_io.hpp"
+#include "regulator_io.hpp"
 
 #include <algorithm>
 #include <cerrno>
@@ -12,7 +12,7 @@
 #include <unistd.h>
 
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/regulator/realtime.hpp"
+#include "realtime.hpp"
 
 namespace helix_arm::regulator {
 namespace {

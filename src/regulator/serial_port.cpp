@@ -14,10 +14,10 @@
 #include <termios.h>
 #include <unistd.h>
 
-#include "helix_arm/basics/quote.hpp"
+#include "basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/regulator/line_format.hpp"
-#include "helix_arm/regulator/regulator_io.hpp"
+#include "line_format.hpp"
+#include "regulator_io.hpp"
 
 namespace helix_arm::regulator {
 namespace {

@@ -5,7 +5,7 @@
 
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/regulator/config.hpp"
-#include "helix_arm/regulator/regulator_io.hpp"
+#include "regulator_io.hpp"
 
 namespace helix_arm::regulator {
 namespace {

@@ -15,9 +15,9 @@
 #include <sys/un.h>
 #include <unistd.h>
 
-#include "helix_arm/basics/quote.hpp"
+#include "basics/quote.hpp"
 #include "helix_arm/regulator/config.hpp"
-#include "helix_arm/regulator/regulator_io.hpp"
+#include "regulator_io.hpp"
 
 namespace helix_arm::regulator {
 namespace {

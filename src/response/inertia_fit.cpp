@@ -1,4 +1,4 @@
-#include "helix_arm/response/inertia_fit.hpp"
+#include "inertia_fit.hpp"
 
 #include <algorithm>
 #include <cmath>

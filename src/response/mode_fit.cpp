@@ -1,4 +1,4 @@
-#include "helix_arm/response/mode_fit.hpp"
+#include "mode_fit.hpp"
 
 #include <Eigen/QR>
 #include <algorithm>
@@ -9,9 +9,9 @@
 #include <utility>
 
 #include "basics/least_squares.hpp"
-#include "helix_arm/basics/pi.hpp"
+#include "basics/pi.hpp"
+#include "basics/text.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/basics/text.hpp"
 
 namespace helix_arm::estimation {
 namespace {

@@ -1,4 +1,4 @@
-#include "helix_arm/response/response_fit.hpp"
+#include "response_fit.hpp"
 
 #include <Eigen/Cholesky>
 #include <Eigen/Core>

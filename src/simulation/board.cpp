@@ -1,7 +1,7 @@
 #include <Eigen/Geometry>
 #include <random>
 
-#include "helix_arm/simulation/camera.hpp"
+#include "camera.hpp"
 
 namespace helix_arm::simulation {
 namespace {

@@ -1,4 +1,4 @@
-#include "helix_arm/simulation/bodies.hpp"
+#include "bodies.hpp"
 
 namespace helix_arm::simulation {
 

@@ -1,4 +1,4 @@
-#include "helix_arm/simulation/camera.hpp"
+#include "camera.hpp"
 
 #include <Eigen/Core>
 #include <Eigen/LU>

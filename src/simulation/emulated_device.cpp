@@ -1,4 +1,4 @@
-#include "helix_arm/simulation/emulated_device.hpp"
+#include "emulated_device.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -8,10 +8,10 @@
 #include <sys/eventfd.h>
 #include <unistd.h>
 
+#include "basics/text.hpp"
 #include "emulation.hpp"
-#include "helix_arm/basics/text.hpp"
-#include "helix_arm/regulator/line_format.hpp"
-#include "helix_arm/regulator/regulator_io.hpp"
+#include "regulator/line_format.hpp"
+#include "regulator/regulator_io.hpp"
 
 namespace helix_arm::simulation {
 namespace {

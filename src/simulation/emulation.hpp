@@ -22,7 +22,7 @@
 #include <termios.h>
 #include <unistd.h>
 
-#include "helix_arm/simulation/emulated_device.hpp"
+#include "emulated_device.hpp"
 
 namespace helix_arm::simulation {
 

@@ -1,4 +1,4 @@
-#include "helix_arm/simulation/plant.hpp"
+#include "plant.hpp"
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -17,7 +17,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "helix_arm/basics/quote.hpp"
+#include "basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "nlohmann/json.hpp"
 
@@ -192,13 +192,14 @@ Plant::Plant(const std::string& command, const model::Arm& arm,
       arm_(arm),
       pieces_(piecesFor(arm, tags)),
       process_(std::make_unique<Process>(command)) {
-  json names = json::array(), places = json::array();
-  for (int i = 0; i < arm_.actuatorCount(); ++i) names.push_back(arm_.actuator(i).name);
+  json places = json::array();
   for (int k = 0; k < arm_.sectionCount(); ++k) {
     for (int j = 1; j <= pieces_; ++j) places.push_back({k, static_cast<double>(j) / pieces_});
   }
-  const json first{
-      {"protocol", 1}, {"actuators", names}, {"sections", arm_.sectionCount()}, {"places", places}};
+  const json first{{"protocol", 1},
+                   {"actuators", arm_.actuatorNames()},
+                   {"sections", arm_.sectionCount()},
+                   {"places", places}};
   takePoses(ask(first.dump()), true);
 }
 

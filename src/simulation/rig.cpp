@@ -1,4 +1,4 @@
-#include "helix_arm/simulation/rig.hpp"
+#include "rig.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -2,7 +2,7 @@
 
 #include "emulation.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/regulator/line_format.hpp"
+#include "regulator/line_format.hpp"
 
 namespace helix_arm::simulation {
 namespace {

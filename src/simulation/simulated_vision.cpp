@@ -1,17 +1,17 @@
-#include "helix_arm/simulation/simulated_vision.hpp"
+#include "simulated_vision.hpp"
 
 #include <algorithm>
 #include <random>
 
 #include <opencv2/imgproc.hpp>
 
+#include "basics/text.hpp"
+#include "bodies.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/basics/text.hpp"
 #include "helix_arm/localization/rig_memory.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/simulation/bodies.hpp"
-#include "helix_arm/vision/frame_source.hpp"
-#include "helix_arm/vision/jpeg.hpp"
+#include "vision/frame_source.hpp"
+#include "vision/jpeg.hpp"
 
 namespace helix_arm::simulation {
 namespace {

@@ -4,7 +4,7 @@
 #include <array>
 #include <cmath>
 
-#include "helix_arm/basics/pi.hpp"
+#include "basics/pi.hpp"
 
 namespace helix_arm::estimation {
 namespace {

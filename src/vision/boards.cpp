@@ -10,8 +10,8 @@
 #include <opencv2/objdetect/aruco_detector.hpp>
 #endif
 
+#include "camera_calibration.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/vision/camera_calibration.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
 
 namespace helix_arm::vision {

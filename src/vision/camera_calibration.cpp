@@ -1,4 +1,4 @@
-#include "helix_arm/vision/camera_calibration.hpp"
+#include "camera_calibration.hpp"
 
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
@@ -8,10 +8,10 @@
 
 #include <opencv2/calib3d.hpp>
 
-#include "helix_arm/basics/median.hpp"
-#include "helix_arm/basics/pi.hpp"
+#include "basics/median.hpp"
+#include "basics/pi.hpp"
+#include "basics/text.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/basics/text.hpp"
 #include "helix_arm/localization/camera_placement.hpp"
 #include "helix_arm/model/curve.hpp"
 

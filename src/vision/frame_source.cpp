@@ -1,4 +1,4 @@
-#include "helix_arm/vision/frame_source.hpp"
+#include "frame_source.hpp"
 
 #include <algorithm>
 #include <array>
@@ -10,11 +10,11 @@
 
 #include <dlfcn.h>
 
-#include "helix_arm/basics/regular_file.hpp"
+#include "basics/regular_file.hpp"
+#include "basics/text.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/basics/text.hpp"
 #include "helix_arm/localization/camera.hpp"
-#include "helix_arm/vision/jpeg.hpp"
+#include "jpeg.hpp"
 #include "media.hpp"
 
 namespace helix_arm::vision {

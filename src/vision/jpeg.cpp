@@ -1,4 +1,4 @@
-#include "helix_arm/vision/jpeg.hpp"
+#include "jpeg.hpp"
 
 #include <memory>
 #include <new>

@@ -6,7 +6,7 @@
 
 #include <opencv2/core.hpp>
 
-#include "helix_arm/vision/frame_source.hpp"
+#include "frame_source.hpp"
 
 namespace helix_arm::vision {
 

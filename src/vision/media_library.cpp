@@ -7,7 +7,7 @@
 #include <unistd.h>
 
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/vision/jpeg.hpp"
+#include "jpeg.hpp"
 #include "media.hpp"
 
 namespace helix_arm::vision {

@@ -18,8 +18,8 @@
 #include <apriltag/tagStandard41h12.h>
 #include <apriltag/tagStandard52h13.h>
 
+#include "basics/text.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/basics/text.hpp"
 #include "helix_arm/localization/camera.hpp"
 #include "tag_tracker.hpp"
 

@@ -11,15 +11,15 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/basics/pi.hpp"
+#include "basics/pi.hpp"
 #include "helix_arm/control/tip_path.hpp"
 #include "helix_arm/dynamics/arm_motion.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/procedures/calibration_job.hpp"
-#include "helix_arm/procedures/captures.hpp"
-#include "helix_arm/procedures/follow_run.hpp"
-#include "helix_arm/procedures/pressure_plan.hpp"
 #include "helix_arm/statics/payload.hpp"
+#include "procedures/calibration_job.hpp"
+#include "procedures/captures.hpp"
+#include "procedures/follow_run.hpp"
+#include "procedures/pressure_plan.hpp"
 #include "support/loaded_arm.hpp"
 #include "support/random.hpp"
 #include "support/rig_captures.hpp"

@@ -15,13 +15,13 @@
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/arm_response.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/procedures/calibration_job.hpp"
-#include "helix_arm/procedures/captures.hpp"
-#include "helix_arm/procedures/pressure_plan.hpp"
-#include "helix_arm/procedures/response_series.hpp"
-#include "helix_arm/procedures/settle_watch.hpp"
-#include "helix_arm/simulation/rig.hpp"
-#include "helix_arm/simulation/simulated_vision.hpp"
+#include "procedures/calibration_job.hpp"
+#include "procedures/captures.hpp"
+#include "procedures/pressure_plan.hpp"
+#include "procedures/response_series.hpp"
+#include "procedures/settle_watch.hpp"
+#include "simulation/rig.hpp"
+#include "simulation/simulated_vision.hpp"
 #include "support/random.hpp"
 #include "support/rig_captures.hpp"
 #include "support/sample_rig.hpp"
@@ -240,9 +240,7 @@ Recorded record(const io::Scene& scene, bool loop) {
   simulation::SimulatedVision vision(*scene.cameraSetup(), scene.view(), scene.vision,
                                      {simulation::VisionKind::kCorners, kCornerNoise, 5});
   test::Random random(6);
-  std::vector<std::string> names;
-  for (int i = 0; i < scene.arm.actuatorCount(); ++i) names.push_back(scene.arm.actuator(i).name);
-  procedures::SettleWatch watch(names, {});
+  procedures::SettleWatch watch(scene.arm.actuatorNames(), {});
   procedures::SeriesRecord series(scene.arm.actuatorCount());
   const Eigen::VectorXd rest = scene.arm.inputAt(0);
 

@@ -9,8 +9,8 @@
 #include <sys/un.h>
 #include <unistd.h>
 
-#include "helix_arm/basics/quote.hpp"
-#include "helix_arm/basics/regular_file.hpp"
+#include "basics/quote.hpp"
+#include "basics/regular_file.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "support/refusal.hpp"
 #include "support/temporary_folder.hpp"

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "helix_arm/io/scene.hpp"
-#include "helix_arm/regulator/guard_process.hpp"
+#include "regulator/guard_process.hpp"
 #include "support/emulated_regulator.hpp"
 #include "support/eventually.hpp"
 

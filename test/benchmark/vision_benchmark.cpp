@@ -14,12 +14,12 @@
 #include <opencv2/imgproc.hpp>
 
 #include "helix_arm/localization/twist_fit.hpp"
-#include "helix_arm/procedures/loop_config.hpp"
-#include "helix_arm/simulation/bodies.hpp"
 #include "helix_arm/vision/arm_localizer.hpp"
-#include "helix_arm/vision/jpeg.hpp"
+#include "procedures/loop_config.hpp"
+#include "simulation/bodies.hpp"
 #include "support/picture_series.hpp"
 #include "support/sample_view.hpp"
+#include "vision/jpeg.hpp"
 
 namespace helix_arm::benchmark {
 namespace {

@@ -7,8 +7,8 @@
 
 #include <gtest/gtest.h>
 
+#include "basics/pi.hpp"
 #include "clearance/random_zones.hpp"
-#include "helix_arm/basics/pi.hpp"
 #include "helix_arm/clearance/arm_clearance.hpp"
 #include "support/test_size.hpp"
 

@@ -6,12 +6,12 @@
 #include <gtest/gtest.h>
 
 #include "command.hpp"
-#include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/scene.hpp"
-#include "helix_arm/simulation/rig.hpp"
-#include "helix_arm/vision/jpeg.hpp"
+#include "io/document/atomic_file.hpp"
+#include "simulation/rig.hpp"
 #include "support/temporary_file.hpp"
 #include "support/temporary_folder.hpp"
+#include "vision/jpeg.hpp"
 
 namespace helix_arm::test {
 namespace {

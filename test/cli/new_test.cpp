@@ -6,9 +6,9 @@
 #include <gtest/gtest.h>
 
 #include "command.hpp"
-#include "helix_arm/io/regulator_profile.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/regulator/config.hpp"
+#include "io/scene/regulator_profile.hpp"
 #include "support/emulated_regulator.hpp"
 #include "support/temporary_folder.hpp"
 #include "support/test_size.hpp"

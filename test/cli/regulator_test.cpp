@@ -7,7 +7,7 @@
 #include <unistd.h>
 
 #include "command.hpp"
-#include "helix_arm/simulation/emulated_device.hpp"
+#include "simulation/emulated_device.hpp"
 #include "support/eventually.hpp"
 #include "support/modbus_profiles.hpp"
 #include "support/process.hpp"

@@ -17,11 +17,11 @@
 
 #include "command.hpp"
 #include "helix_arm/io/scene.hpp"
-#include "helix_arm/vision/charuco_board.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
 #include "support/opencv_charuco.hpp"
 #include "support/temporary_folder.hpp"
 #include "support/test_size.hpp"
+#include "vision/charuco_board.hpp"
 
 namespace helix_arm::test {
 namespace {

@@ -14,8 +14,8 @@
 #include <gtest/gtest.h>
 
 #include "command.hpp"
-#include "helix_arm/io/number.hpp"
 #include "helix_arm/io/scene.hpp"
+#include "io/document/number.hpp"
 #include "support/process.hpp"
 #include "support/temporary_file.hpp"
 #include "support/temporary_folder.hpp"

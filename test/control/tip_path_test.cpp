@@ -7,7 +7,7 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/basics/pi.hpp"
+#include "basics/pi.hpp"
 #include "helix_arm/statics/inverse.hpp"
 #include "support/allocation_counter.hpp"
 #include "support/random.hpp"

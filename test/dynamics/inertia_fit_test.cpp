@@ -1,4 +1,4 @@
-#include "helix_arm/response/inertia_fit.hpp"
+#include "response/inertia_fit.hpp"
 
 #include <cmath>
 #include <cstdio>

@@ -8,7 +8,7 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/basics/pi.hpp"
+#include "basics/pi.hpp"
 #include "helix_arm/dynamics/arm_motion.hpp"
 #include "support/allocation_counter.hpp"
 #include "support/loaded_arm.hpp"

@@ -7,7 +7,7 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/basics/pi.hpp"
+#include "basics/pi.hpp"
 #include "helix_arm/statics/loaded.hpp"
 #include "support/loaded_arm.hpp"
 

@@ -7,8 +7,8 @@
 
 #include <gtest/gtest.h>
 
+#include "basics/pi.hpp"
 #include "estimation/tracked_arm.hpp"
-#include "helix_arm/basics/pi.hpp"
 #include "support/random.hpp"
 
 namespace helix_arm::estimation {

@@ -1,4 +1,4 @@
-#include "helix_arm/response/response_fit.hpp"
+#include "response/response_fit.hpp"
 
 #include <cmath>
 #include <cstdio>
@@ -7,11 +7,11 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/basics/pi.hpp"
+#include "basics/pi.hpp"
 #include "helix_arm/io/data_set.hpp"
 #include "helix_arm/io/fault_list.hpp"
-#include "helix_arm/procedures/response_series.hpp"
-#include "helix_arm/response/mode_fit.hpp"
+#include "procedures/response_series.hpp"
+#include "response/mode_fit.hpp"
 #include "support/has.hpp"
 #include "support/random.hpp"
 #include "support/silicone_rings.hpp"

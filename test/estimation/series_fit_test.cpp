@@ -11,7 +11,7 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/basics/pi.hpp"
+#include "basics/pi.hpp"
 #include "helix_arm/statics/arm_model.hpp"
 #include "support/random.hpp"
 #include "support/test_size.hpp"

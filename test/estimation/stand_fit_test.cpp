@@ -1,5 +1,5 @@
 // Muscles on a testing machine: a law that is found again, and the measured one.
-#include "helix_arm/calibration/stand_fit.hpp"
+#include "calibration/stand_fit.hpp"
 
 #include <cmath>
 #include <filesystem>

@@ -6,9 +6,9 @@
 #include <sys/eventfd.h>
 
 #include "helix_arm/io/scene.hpp"
-#include "helix_arm/regulator/regulator_io.hpp"
-#include "helix_arm/simulation/emulated_device.hpp"
+#include "regulator/regulator_io.hpp"
 #include "simulated_board.hpp"
+#include "simulation/emulated_device.hpp"
 #include "simulation/emulation.hpp"
 #include "support/temporary_file.hpp"
 #include "support/temporary_folder.hpp"

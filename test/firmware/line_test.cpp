@@ -1,7 +1,7 @@
 // What the board takes from its line, and what it answers: the profile `generic`.
 #include <sstream>
 
-#include "helix_arm/regulator/line_format.hpp"
+#include "regulator/line_format.hpp"
 #include "simulated_board.hpp"
 
 namespace helix_arm::test {

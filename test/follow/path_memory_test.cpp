@@ -4,7 +4,7 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/basics/pi.hpp"
+#include "basics/pi.hpp"
 #include "support/random.hpp"
 
 namespace helix_arm::follow {

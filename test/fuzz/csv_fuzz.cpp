@@ -5,10 +5,10 @@
 #include "helix_arm/io/data_set.hpp"
 #include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/io/tag_table.hpp"
-#include "helix_arm/io/tip_path_file.hpp"
-#include "helix_arm/procedures/captures.hpp"
-#include "helix_arm/procedures/response_series.hpp"
+#include "io/data/tip_path_file.hpp"
 #include "memory_file.hpp"
+#include "procedures/captures.hpp"
+#include "procedures/response_series.hpp"
 
 namespace {
 

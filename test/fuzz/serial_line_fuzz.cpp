@@ -7,7 +7,7 @@
 #include <string_view>
 
 #include "helix_arm/regulator/driver.hpp"
-#include "helix_arm/regulator/line_format.hpp"
+#include "regulator/line_format.hpp"
 #include "support/serial_profiles.hpp"
 
 namespace {

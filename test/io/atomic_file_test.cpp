@@ -1,4 +1,4 @@
-#include "helix_arm/io/atomic_file.hpp"
+#include "io/document/atomic_file.hpp"
 
 #include <chrono>
 #include <csignal>

@@ -6,11 +6,11 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/basics/pi.hpp"
+#include "basics/pi.hpp"
 #include "helix_arm/io/fault_list.hpp"
-#include "helix_arm/io/number.hpp"
 #include "helix_arm/io/provenance.hpp"
 #include "io/document/document.hpp"
+#include "io/document/number.hpp"
 #include "scene_faults.hpp"
 #include "support/random.hpp"
 

@@ -6,9 +6,9 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/fault_list.hpp"
-#include "helix_arm/io/number.hpp"
+#include "io/document/atomic_file.hpp"
+#include "io/document/number.hpp"
 #include "support/random.hpp"
 #include "support/refusal.hpp"
 #include "support/table_faults.hpp"

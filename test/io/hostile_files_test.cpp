@@ -6,12 +6,12 @@
 #include <gtest/gtest.h>
 #include <sys/stat.h>
 
-#include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/data_set.hpp"
 #include "helix_arm/io/tag_table.hpp"
-#include "helix_arm/io/tip_path_file.hpp"
-#include "helix_arm/procedures/captures.hpp"
-#include "helix_arm/procedures/response_series.hpp"
+#include "io/data/tip_path_file.hpp"
+#include "io/document/atomic_file.hpp"
+#include "procedures/captures.hpp"
+#include "procedures/response_series.hpp"
 #include "scene_faults.hpp"
 #include "support/temporary_folder.hpp"
 

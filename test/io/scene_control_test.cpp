@@ -7,7 +7,7 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/basics/pi.hpp"
+#include "basics/pi.hpp"
 #include "io/scene/scene_readers.hpp"
 #include "scene_faults.hpp"
 #include "support/modbus_profiles.hpp"

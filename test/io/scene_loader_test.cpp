@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/basics/pi.hpp"
+#include "basics/pi.hpp"
 #include "helix_arm/localization/tag_layout.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "scene_faults.hpp"

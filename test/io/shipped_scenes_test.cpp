@@ -9,13 +9,13 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/basics/pi.hpp"
+#include "basics/pi.hpp"
 #include "helix_arm/io/scene.hpp"
-#include "helix_arm/io/shipped_files.hpp"
 #include "helix_arm/localization/arm_view.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/simulation/rig.hpp"
+#include "io/scene/shipped_files.hpp"
 #include "scene_faults.hpp"
+#include "simulation/rig.hpp"
 #include "support/random.hpp"
 
 namespace helix_arm::io {

@@ -7,7 +7,7 @@
 
 #include "helix_arm/control/tip_path.hpp"
 #include "helix_arm/io/fault_list.hpp"
-#include "helix_arm/io/tip_path_file.hpp"
+#include "io/data/tip_path_file.hpp"
 #include "support/random.hpp"
 #include "support/table_faults.hpp"
 #include "support/temporary_file.hpp"

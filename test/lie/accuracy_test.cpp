@@ -6,7 +6,7 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/basics/pi.hpp"
+#include "basics/pi.hpp"
 #include "helix_arm/lie/se2.hpp"
 #include "helix_arm/lie/se3.hpp"
 #include "helix_arm/lie/so3.hpp"

@@ -9,8 +9,8 @@
 
 #include <gtest/gtest.h>
 
+#include "basics/median.hpp"
 #include "clearance/random_zones.hpp"
-#include "helix_arm/basics/median.hpp"
 #include "support/loaded_arm.hpp"
 #include "support/test_size.hpp"
 

@@ -1,5 +1,5 @@
 // Recordings of bodies as motion-capture systems write them, with pressures of another clock.
-#include "helix_arm/procedures/body_recording.hpp"
+#include "procedures/body_recording.hpp"
 
 #include <Eigen/Geometry>
 #include <cmath>
@@ -12,8 +12,8 @@
 
 #include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/io/tag_table.hpp"
-#include "helix_arm/simulation/bodies.hpp"
-#include "helix_arm/simulation/rig.hpp"
+#include "simulation/bodies.hpp"
+#include "simulation/rig.hpp"
 #include "support/has.hpp"
 #include "support/shipped_scene.hpp"
 #include "support/temporary_file.hpp"

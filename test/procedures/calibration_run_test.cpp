@@ -5,8 +5,8 @@
 #include <gtest/gtest.h>
 
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/procedures/pressure_plan.hpp"
-#include "helix_arm/procedures/settle_watch.hpp"
+#include "procedures/pressure_plan.hpp"
+#include "procedures/settle_watch.hpp"
 #include "support/has.hpp"
 #include "support/sample_arm.hpp"
 

@@ -1,4 +1,4 @@
-#include "helix_arm/procedures/camera_placing.hpp"
+#include "procedures/camera_placing.hpp"
 
 #include <Eigen/Cholesky>
 #include <cmath>
@@ -7,11 +7,11 @@
 #include <gtest/gtest.h>
 
 #include "helix_arm/localization/arm_view.hpp"
-#include "helix_arm/vision/camera_calibration.hpp"
 #include "support/has.hpp"
 #include "support/random.hpp"
 #include "support/shipped_scene.hpp"
 #include "support/test_size.hpp"
+#include "vision/camera_calibration.hpp"
 
 namespace helix_arm::procedures {
 namespace {

@@ -1,4 +1,4 @@
-#include "helix_arm/procedures/captures.hpp"
+#include "procedures/captures.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -9,9 +9,9 @@
 #include "helix_arm/io/data_set.hpp"
 #include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/localization/tag_layout.hpp"
-#include "helix_arm/procedures/calibration_job.hpp"
-#include "helix_arm/procedures/response_series.hpp"
-#include "helix_arm/simulation/rig.hpp"
+#include "procedures/calibration_job.hpp"
+#include "procedures/response_series.hpp"
+#include "simulation/rig.hpp"
 #include "support/random.hpp"
 #include "support/refusal.hpp"
 #include "support/scene_text.hpp"

@@ -5,7 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "helix_arm/calibration/calibration_parameters.hpp"
-#include "helix_arm/procedures/calibration_job.hpp"
+#include "procedures/calibration_job.hpp"
 
 namespace helix_arm::test {
 namespace {

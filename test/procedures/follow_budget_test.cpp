@@ -6,7 +6,7 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/procedures/follow_run.hpp"
+#include "procedures/follow_run.hpp"
 #include "support/random.hpp"
 #include "support/shipped_scene.hpp"
 #include "support/test_size.hpp"

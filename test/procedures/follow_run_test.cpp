@@ -1,4 +1,4 @@
-#include "helix_arm/procedures/follow_run.hpp"
+#include "procedures/follow_run.hpp"
 
 #include <algorithm>
 #include <cmath>

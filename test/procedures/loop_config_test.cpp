@@ -1,4 +1,4 @@
-#include "helix_arm/procedures/loop_config.hpp"
+#include "procedures/loop_config.hpp"
 
 #include <cmath>
 #include <cstdio>
@@ -7,8 +7,8 @@
 
 #include "helix_arm/follow/path_check.hpp"
 #include "helix_arm/io/calibrated_scene.hpp"
-#include "helix_arm/procedures/contact_proof.hpp"
-#include "helix_arm/procedures/follow_run.hpp"
+#include "procedures/contact_proof.hpp"
+#include "procedures/follow_run.hpp"
 #include "support/has.hpp"
 #include "support/refusal.hpp"
 #include "support/scene_text.hpp"

@@ -1,4 +1,4 @@
-#include "helix_arm/procedures/rig_check.hpp"
+#include "procedures/rig_check.hpp"
 
 #include <Eigen/Geometry>
 #include <cmath>
@@ -7,9 +7,9 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/basics/pi.hpp"
+#include "basics/pi.hpp"
 #include "helix_arm/io/scene.hpp"
-#include "helix_arm/procedures/unrolled_tags.hpp"
+#include "procedures/unrolled_tags.hpp"
 #include "support/has.hpp"
 #include "support/random.hpp"
 #include "support/sample_arm.hpp"

@@ -2,9 +2,9 @@
 
 #include <sys/stat.h>
 
-#include "helix_arm/regulator/regulator_io.hpp"
-#include "helix_arm/simulation/emulated_device.hpp"
+#include "regulator/regulator_io.hpp"
 #include "regulator/serial_port.hpp"
+#include "simulation/emulated_device.hpp"
 #include "support/eventually.hpp"
 #include "support/has.hpp"
 #include "support/holding_child.hpp"

@@ -1,4 +1,4 @@
-#include "helix_arm/regulator/guard_process.hpp"
+#include "regulator/guard_process.hpp"
 
 #include <csignal>
 #include <thread>
@@ -9,7 +9,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "helix_arm/regulator/realtime.hpp"
+#include "regulator/realtime.hpp"
 #include "regulator/tcp_link.hpp"
 #include "support/eventually.hpp"
 #include "support/has.hpp"

@@ -1,4 +1,4 @@
-#include "helix_arm/regulator/line_format.hpp"
+#include "regulator/line_format.hpp"
 
 #include <locale>
 #include <sstream>

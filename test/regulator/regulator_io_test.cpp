@@ -1,4 +1,4 @@
-#include "helix_arm/regulator/regulator_io.hpp"
+#include "regulator/regulator_io.hpp"
 
 #include <atomic>
 #include <fstream>
@@ -8,7 +8,7 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/regulator/guard_process.hpp"
+#include "regulator/guard_process.hpp"
 #include "support/allocation_counter.hpp"
 #include "support/eventually.hpp"
 #include "support/refusal.hpp"

@@ -3,7 +3,7 @@
 #include <cmath>
 #include <csignal>
 
-#include "helix_arm/regulator/guard_process.hpp"
+#include "regulator/guard_process.hpp"
 #include "support/hardware_rig.hpp"
 
 namespace helix_arm::test {

@@ -7,13 +7,13 @@
 #include <geometry_msgs/PoseStamped.h>
 #include <tf2_msgs/TFMessage.h>
 
-#include "helix_arm/vision/frame_source.hpp"
 #include "ros_bridge/vision/observations.hpp"
 #include "ros_bridge/vision/pose_source.hpp"
 #include "support/process.hpp"
 #include "support/tag_picture.hpp"
 #include "support/temporary_folder.hpp"
 #include "support/vision_rig.hpp"
+#include "vision/frame_source.hpp"
 
 namespace helix_arm::test {
 namespace {

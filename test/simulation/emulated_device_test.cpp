@@ -1,6 +1,6 @@
 // Emulated devices against a bare line or connection, without a driver.
 
-#include "helix_arm/simulation/emulated_device.hpp"
+#include "simulation/emulated_device.hpp"
 
 #include <chrono>
 #include <cmath>
@@ -12,8 +12,8 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
-#include "helix_arm/regulator/line_format.hpp"
-#include "helix_arm/regulator/regulator_io.hpp"
+#include "regulator/line_format.hpp"
+#include "regulator/regulator_io.hpp"
 #include "regulator/serial_port.hpp"
 #include "support/eventually.hpp"
 #include "support/modbus_profiles.hpp"

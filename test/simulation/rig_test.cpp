@@ -1,4 +1,4 @@
-#include "helix_arm/simulation/rig.hpp"
+#include "simulation/rig.hpp"
 
 #include <cmath>
 #include <limits>
@@ -10,8 +10,8 @@
 #include <gtest/gtest.h>
 
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/simulation/plant.hpp"
 #include "helix_arm/statics/exact.hpp"
+#include "simulation/plant.hpp"
 #include "support/has.hpp"
 #include "support/loaded_arm.hpp"
 #include "support/paper_arm.hpp"

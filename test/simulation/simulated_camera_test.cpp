@@ -6,8 +6,8 @@
 #include <gtest/gtest.h>
 #include <opencv2/imgproc.hpp>
 
-#include "helix_arm/simulation/camera.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
+#include "simulation/camera.hpp"
 #include "support/paper_arm.hpp"
 #include "support/random.hpp"
 

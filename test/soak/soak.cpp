@@ -13,8 +13,8 @@
 #include <CLI/CLI.hpp>
 
 #include "helix_arm/io/scene.hpp"
-#include "helix_arm/regulator/guard_process.hpp"
-#include "helix_arm/simulation/emulated_device.hpp"
+#include "regulator/guard_process.hpp"
+#include "simulation/emulated_device.hpp"
 #include "support/random.hpp"
 #include "support/temporary_folder.hpp"
 

@@ -5,8 +5,8 @@
 #include <variant>
 
 #include "helix_arm/io/scene.hpp"
-#include "helix_arm/regulator/regulator_io.hpp"
-#include "helix_arm/simulation/emulated_device.hpp"
+#include "regulator/regulator_io.hpp"
+#include "simulation/emulated_device.hpp"
 #include "support/temporary_file.hpp"
 #include "support/temporary_folder.hpp"
 

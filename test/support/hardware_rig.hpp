@@ -3,7 +3,7 @@
 #include <std_srvs/SetBool.h>
 
 #include "helix_arm/SafetyState.h"
-#include "helix_arm/regulator/realtime.hpp"
+#include "regulator/realtime.hpp"
 #include "support/emulated_regulator.hpp"
 #include "support/process.hpp"
 #include "support/ros_rig.hpp"

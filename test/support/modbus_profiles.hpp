@@ -2,7 +2,7 @@
 
 #include <numeric>
 
-#include "helix_arm/simulation/emulated_device.hpp"
+#include "simulation/emulated_device.hpp"
 
 namespace helix_arm::test {
 

@@ -3,7 +3,7 @@
 #include <Eigen/Geometry>
 #include <string>
 
-#include "helix_arm/basics/pi.hpp"
+#include "basics/pi.hpp"
 #include "helix_arm/model/arm.hpp"
 #include "support/random.hpp"
 

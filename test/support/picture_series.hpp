@@ -1,6 +1,6 @@
 #pragma once
 
-#include "helix_arm/simulation/rig.hpp"
+#include "simulation/rig.hpp"
 #include "support/sample_view.hpp"
 
 namespace helix_arm::test {

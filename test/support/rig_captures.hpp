@@ -2,7 +2,7 @@
 
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/io/tag_table.hpp"
-#include "helix_arm/procedures/settle_watch.hpp"
+#include "procedures/settle_watch.hpp"
 namespace helix_arm::test {
 
 /// What a camera sees of a rig at rest at each of these pressures (steps x actuators) [Pa], as the

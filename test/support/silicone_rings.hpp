@@ -4,7 +4,7 @@
 
 #include "helix_arm/io/data_set.hpp"
 #include "helix_arm/io/fault_list.hpp"
-#include "helix_arm/procedures/response_series.hpp"
+#include "procedures/response_series.hpp"
 
 namespace helix_arm::test {
 

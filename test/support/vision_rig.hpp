@@ -8,9 +8,9 @@
 #include "helix_arm/TagDetections.h"
 #include "helix_arm/VisionStatus.h"
 #include "helix_arm/io/scene.hpp"
-#include "helix_arm/simulation/camera.hpp"
 #include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/vision/pictures.hpp"
+#include "simulation/camera.hpp"
 #include "support/ros_rig.hpp"
 #include "support/shipped_scene.hpp"
 

@@ -6,9 +6,9 @@
 #include <opencv2/imgproc.hpp>
 
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/vision/frame_source.hpp"
 #include "support/picture_series.hpp"
 #include "support/refusal.hpp"
+#include "vision/frame_source.hpp"
 
 namespace helix_arm::vision {
 namespace {

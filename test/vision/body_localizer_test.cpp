@@ -8,9 +8,9 @@
 
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/procedures/loop_config.hpp"
-#include "helix_arm/simulation/bodies.hpp"
 #include "helix_arm/vision/arm_localizer.hpp"
+#include "procedures/loop_config.hpp"
+#include "simulation/bodies.hpp"
 #include "support/shipped_scene.hpp"
 
 namespace helix_arm::vision {

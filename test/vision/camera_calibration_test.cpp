@@ -1,4 +1,4 @@
-#include "helix_arm/vision/camera_calibration.hpp"
+#include "vision/camera_calibration.hpp"
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -8,15 +8,15 @@
 #include <gtest/gtest.h>
 #include <opencv2/imgproc.hpp>
 
-#include "helix_arm/basics/median.hpp"
-#include "helix_arm/simulation/camera.hpp"
-#include "helix_arm/vision/charuco_board.hpp"
+#include "basics/median.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
+#include "simulation/camera.hpp"
 #include "support/has.hpp"
 #include "support/opencv_charuco.hpp"
 #include "support/random.hpp"
 #include "support/refusal.hpp"
 #include "support/test_size.hpp"
+#include "vision/charuco_board.hpp"
 
 namespace helix_arm::vision {
 namespace {

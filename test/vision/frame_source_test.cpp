@@ -1,4 +1,4 @@
-#include "helix_arm/vision/frame_source.hpp"
+#include "vision/frame_source.hpp"
 
 #include <filesystem>
 #include <fstream>
@@ -7,11 +7,11 @@
 #include <opencv2/videoio.hpp>
 #include <sys/stat.h>
 
-#include "helix_arm/vision/jpeg.hpp"
 #include "jpeg_pictures.hpp"
 #include "support/has.hpp"
 #include "support/refusal.hpp"
 #include "support/temporary_folder.hpp"
+#include "vision/jpeg.hpp"
 
 namespace helix_arm::test {
 namespace {

@@ -1,4 +1,4 @@
-#include "helix_arm/vision/jpeg.hpp"
+#include "vision/jpeg.hpp"
 
 #include <algorithm>
 

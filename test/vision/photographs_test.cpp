@@ -25,9 +25,9 @@
 
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/vision/arm_localizer.hpp"
-#include "helix_arm/vision/frame_source.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
 #include "support/test_size.hpp"
+#include "vision/frame_source.hpp"
 
 namespace helix_arm::test {
 namespace {

@@ -8,7 +8,7 @@
 #include <gtest/gtest.h>
 #include <opencv2/imgproc.hpp>
 
-#include "helix_arm/basics/pi.hpp"
+#include "basics/pi.hpp"
 #include "support/allocation_counter.hpp"
 #include "support/random.hpp"
 #include "support/tag_picture.hpp"

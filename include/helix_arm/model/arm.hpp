@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <memory>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -98,6 +99,8 @@ class ArmOf {
   int sectionCount() const { return static_cast<int>(equilibria_.size()); }
   int actuatorCount() const { return static_cast<int>(actuators_.size()); }
   const ActuatorOf<Group>& actuator(int i) const { return actuators_[i]; }
+  /// Names of all actuators, in the order of the inputs.
+  std::vector<std::string> actuatorNames() const;
   /// Index of section k's first actuator; firstActuator(sectionCount()) is actuatorCount().
   int firstActuator(int k) const { return first_[k]; }
   /// Equilibrium of section k; of a tapered section the mean over s; with the least K_kappa, where

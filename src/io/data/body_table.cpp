@@ -6,13 +6,13 @@
 #include <cmath>
 #include <sstream>
 
-#include "helix_arm/basics/pi.hpp"
-#include "helix_arm/basics/quote.hpp"
-#include "helix_arm/basics/text.hpp"
-#include "helix_arm/io/atomic_file.hpp"
+#include "basics/pi.hpp"
+#include "basics/quote.hpp"
+#include "basics/text.hpp"
 #include "helix_arm/io/fault_list.hpp"
-#include "helix_arm/io/number.hpp"
+#include "io/document/atomic_file.hpp"
 #include "io/document/document.hpp"
+#include "io/document/number.hpp"
 
 namespace helix_arm::io {
 namespace {

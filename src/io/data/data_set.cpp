@@ -11,14 +11,14 @@
 #include <utility>
 #include <variant>
 
-#include "helix_arm/basics/quote.hpp"
+#include "basics/quote.hpp"
+#include "basics/text.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/basics/text.hpp"
-#include "helix_arm/io/atomic_file.hpp"
 #include "helix_arm/io/fault_list.hpp"
-#include "helix_arm/io/number.hpp"
+#include "io/document/atomic_file.hpp"
 #include "io/document/document.hpp"
 #include "io/document/map_reader.hpp"
+#include "io/document/number.hpp"
 
 namespace helix_arm::io {
 

@@ -6,9 +6,9 @@
 #include <sstream>
 #include <utility>
 
+#include "basics/text.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/basics/text.hpp"
-#include "helix_arm/io/number.hpp"
+#include "io/document/number.hpp"
 
 namespace helix_arm::io {
 namespace {

@@ -1,13 +1,13 @@
-#include "helix_arm/io/tip_path_file.hpp"
+#include "tip_path_file.hpp"
 
 #include <cmath>
 #include <sstream>
 
-#include "helix_arm/basics/text.hpp"
+#include "basics/text.hpp"
 #include "helix_arm/io/fault_list.hpp"
-#include "helix_arm/io/number.hpp"
 #include "helix_arm/statics/inverse.hpp"
 #include "io/document/document.hpp"
+#include "io/document/number.hpp"
 
 namespace helix_arm::io {
 namespace {

@@ -1,4 +1,4 @@
-#include "helix_arm/io/atomic_file.hpp"
+#include "atomic_file.hpp"
 
 #include <array>
 #include <cerrno>
@@ -12,8 +12,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "helix_arm/basics/quote.hpp"
-#include "helix_arm/basics/text.hpp"
+#include "basics/quote.hpp"
+#include "basics/text.hpp"
 
 namespace helix_arm::io {
 namespace {

@@ -7,10 +7,10 @@
 
 #include <yaml-cpp/yaml.h>
 
-#include "helix_arm/basics/quote.hpp"
-#include "helix_arm/basics/regular_file.hpp"
-#include "helix_arm/io/number.hpp"
+#include "basics/quote.hpp"
+#include "basics/regular_file.hpp"
 #include "map_reader.hpp"
+#include "number.hpp"
 
 namespace helix_arm::io {
 namespace {

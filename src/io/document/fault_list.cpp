@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "helix_arm/basics/quote.hpp"
+#include "basics/quote.hpp"
 
 namespace helix_arm::io {
 namespace {

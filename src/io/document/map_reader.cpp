@@ -4,8 +4,8 @@
 #include <cmath>
 #include <numeric>
 
-#include "helix_arm/basics/quote.hpp"
-#include "helix_arm/io/number.hpp"
+#include "basics/quote.hpp"
+#include "number.hpp"
 
 namespace helix_arm::io {
 namespace {

@@ -11,8 +11,8 @@
 #include <utility>
 #include <vector>
 
+#include "basics/pi.hpp"
 #include "document.hpp"
-#include "helix_arm/basics/pi.hpp"
 #include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/lie/se3.hpp"
 

@@ -1,4 +1,4 @@
-#include "helix_arm/io/number.hpp"
+#include "number.hpp"
 
 #include <algorithm>
 #include <charconv>

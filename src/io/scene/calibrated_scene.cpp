@@ -5,7 +5,7 @@
 #include <sstream>
 
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/io/number.hpp"
+#include "io/document/number.hpp"
 #include "scene_readers.hpp"
 
 namespace helix_arm::io {

@@ -5,8 +5,8 @@
 #include <sstream>
 #include <tuple>
 
-#include "helix_arm/basics/quote.hpp"
-#include "helix_arm/basics/regular_file.hpp"
+#include "basics/quote.hpp"
+#include "basics/regular_file.hpp"
 #include "scene_readers.hpp"
 
 namespace helix_arm::io {

@@ -7,12 +7,12 @@
 #include <numeric>
 #include <stdexcept>
 
-#include "helix_arm/basics/quote.hpp"
+#include "basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/io/fault_list.hpp"
-#include "helix_arm/io/number.hpp"
-#include "helix_arm/io/shipped_files.hpp"
+#include "io/document/number.hpp"
 #include "scene_readers.hpp"
+#include "shipped_files.hpp"
 
 namespace helix_arm::io {
 namespace {

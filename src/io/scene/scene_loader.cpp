@@ -4,10 +4,10 @@
 
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/dynamics/arm_motion.hpp"
-#include "helix_arm/io/atomic_file.hpp"
-#include "helix_arm/simulation/rig.hpp"
 #include "helix_arm/statics/loaded.hpp"
+#include "io/document/atomic_file.hpp"
 #include "scene_readers.hpp"
+#include "simulation/rig.hpp"
 
 namespace helix_arm::io {
 

@@ -8,12 +8,12 @@
 
 #include "helix_arm/clearance/keep_out.hpp"
 #include "helix_arm/dynamics/motion_config.hpp"
-#include "helix_arm/io/regulator_profile.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/statics/load.hpp"
 #include "helix_arm/statics/tier.hpp"
 #include "io/document/document.hpp"
 #include "io/document/map_reader.hpp"
+#include "regulator_profile.hpp"
 
 namespace helix_arm::io {
 

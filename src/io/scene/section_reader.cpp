@@ -4,9 +4,9 @@
 #include <cmath>
 #include <stdexcept>
 
-#include "helix_arm/basics/pi.hpp"
-#include "helix_arm/basics/text.hpp"
-#include "helix_arm/io/number.hpp"
+#include "basics/pi.hpp"
+#include "basics/text.hpp"
+#include "io/document/number.hpp"
 #include "scene_readers.hpp"
 
 namespace helix_arm::io {

@@ -1,11 +1,11 @@
-#include "helix_arm/io/shipped_files.hpp"
+#include "shipped_files.hpp"
 
 #include <algorithm>
 #include <filesystem>
 
 #include <dlfcn.h>
 
-#include "helix_arm/basics/quote.hpp"
+#include "basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "io/document/map_reader.hpp"
 

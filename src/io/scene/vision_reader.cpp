@@ -2,10 +2,10 @@
 #include <cmath>
 #include <stdexcept>
 
-#include "helix_arm/io/number.hpp"
-#include "helix_arm/vision/jpeg.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
+#include "io/document/number.hpp"
 #include "scene_readers.hpp"
+#include "vision/jpeg.hpp"
 
 namespace helix_arm::io {
 

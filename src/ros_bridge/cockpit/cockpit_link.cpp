@@ -14,12 +14,12 @@
 #include <std_srvs/SetBool.h>
 #include <std_srvs/Trigger.h>
 
+#include "basics/text.hpp"
 #include "helix_arm/Payload.h"
 #include "helix_arm/Reload.h"
 #include "helix_arm/Save.h"
 #include "helix_arm/TipTarget.h"
-#include "helix_arm/basics/text.hpp"
-#include "helix_arm/procedures/calibration_job.hpp"
+#include "procedures/calibration_job.hpp"
 #include "ros_bridge/common/client_watch.hpp"
 #include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/common/guarded_callbacks.hpp"

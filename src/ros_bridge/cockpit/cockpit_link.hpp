@@ -20,6 +20,7 @@
 #include <ros/spinner.h>
 #include <ros/steady_timer.h>
 
+#include "basics/mutex.hpp"
 #include "cockpit_view.hpp"
 #include "helix_arm/ArmShape.h"
 #include "helix_arm/ErrorBudget.h"
@@ -29,7 +30,6 @@
 #include "helix_arm/RunCalibrationAction.h"
 #include "helix_arm/RunExperimentAction.h"
 #include "helix_arm/TargetStatus.h"
-#include "helix_arm/basics/mutex.hpp"
 #include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {

@@ -5,10 +5,10 @@
 #include <map>
 #include <tuple>
 
+#include "basics/quote.hpp"
+#include "basics/text.hpp"
 #include "helix_arm/LoopStatus.h"
-#include "helix_arm/basics/quote.hpp"
-#include "helix_arm/basics/text.hpp"
-#include "helix_arm/procedures/calibration_job.hpp"
+#include "procedures/calibration_job.hpp"
 #include "ros_bridge/common/arm_markers.hpp"
 #include "ros_bridge/names.hpp"
 

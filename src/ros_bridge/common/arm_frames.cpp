@@ -4,9 +4,9 @@
 
 #include <tf2/exceptions.h>
 
+#include "basics/quote.hpp"
 #include "conversions.hpp"
 #include "guarded_callbacks.hpp"
-#include "helix_arm/basics/quote.hpp"
 #include "helix_arm/model/curve.hpp"
 
 namespace helix_arm::ros_bridge {

@@ -8,8 +8,8 @@
 #include <cstddef>
 #include <sstream>
 
+#include "basics/text.hpp"
 #include "conversions.hpp"
-#include "helix_arm/basics/text.hpp"
 #include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {

@@ -8,7 +8,7 @@
 #include <ros/this_node.h>
 #include <xmlrpcpp/XmlRpc.h>
 
-#include "helix_arm/basics/quote.hpp"
+#include "basics/quote.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -5,7 +5,7 @@
 #include <string>
 #include <utility>
 
-#include "helix_arm/basics/mutex.hpp"
+#include "basics/mutex.hpp"
 #include "run_node.hpp"
 
 /// Whether the master and the sender of a goal are there.

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <optional>
 
-#include "helix_arm/basics/quote.hpp"
+#include "basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/model/curve.hpp"
 
@@ -157,8 +157,7 @@ PressureArray toPressureMsg(const std_msgs::Header& header, const model::Arm& ar
                             const model::InputRef& pressure) {
   PressureArray msg;
   msg.header = header;
-  msg.name.reserve(arm.actuatorCount());
-  for (int i = 0; i < arm.actuatorCount(); ++i) msg.name.push_back(arm.actuator(i).name);
+  msg.name = arm.actuatorNames();
   msg.pressure.assign(pressure.data(), pressure.data() + pressure.size());
   return msg;
 }

@@ -5,9 +5,9 @@
 #include <cstdio>
 #include <sstream>
 
+#include "basics/quote.hpp"
+#include "basics/text.hpp"
 #include "guarded_callbacks.hpp"
-#include "helix_arm/basics/quote.hpp"
-#include "helix_arm/basics/text.hpp"
 #include "helix_arm/io/scene.hpp"
 
 namespace helix_arm::ros_bridge {

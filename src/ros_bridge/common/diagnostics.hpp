@@ -13,7 +13,7 @@
 #include <ros/node_handle.h>
 #include <ros/time.h>
 
-#include "helix_arm/basics/mutex.hpp"
+#include "basics/mutex.hpp"
 #include "ros_bridge/names.hpp"
 
 namespace helix_arm::io {

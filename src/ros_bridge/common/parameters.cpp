@@ -8,11 +8,11 @@
 #include <sstream>
 #include <system_error>
 
+#include "basics/quote.hpp"
+#include "basics/text.hpp"
 #include "guarded_callbacks.hpp"
-#include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/basics/text.hpp"
-#include "helix_arm/io/shipped_files.hpp"
+#include "io/scene/shipped_files.hpp"
 #include "ros_bridge/names.hpp"
 
 namespace helix_arm::ros_bridge {

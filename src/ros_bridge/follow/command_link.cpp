@@ -4,7 +4,7 @@
 #include <utility>
 #include <variant>
 
-#include "helix_arm/basics/quote.hpp"
+#include "basics/quote.hpp"
 #include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/names.hpp"
 

@@ -7,8 +7,8 @@
 #include <utility>
 #include <variant>
 
-#include "helix_arm/basics/quote.hpp"
-#include "helix_arm/basics/text.hpp"
+#include "basics/quote.hpp"
+#include "basics/text.hpp"
 #include "helix_arm/follow/path_check.hpp"
 #include "helix_arm/regulator/config.hpp"
 #include "loop_reports.hpp"

@@ -11,7 +11,7 @@
 #include "helix_arm/control/commander_lease.hpp"
 #include "helix_arm/follow/visual_servo.hpp"
 #include "helix_arm/io/scene.hpp"
-#include "helix_arm/regulator/regulator_io.hpp"
+#include "regulator/regulator_io.hpp"
 #include "ros_bridge/common/arm_frames.hpp"
 #include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/pressure/target_admission.hpp"

@@ -1,8 +1,8 @@
 #include "path_goal.hpp"
 
-#include "helix_arm/basics/quote.hpp"
+#include "basics/quote.hpp"
+#include "basics/text.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/basics/text.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/follow/path_check.hpp"
 #include "ros_bridge/common/conversions.hpp"

@@ -6,7 +6,7 @@
 #include <variant>
 #include <vector>
 
-#include "helix_arm/basics/text.hpp"
+#include "basics/text.hpp"
 #include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/common/guarded_callbacks.hpp"
 #include "ros_bridge/names.hpp"

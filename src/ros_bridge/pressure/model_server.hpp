@@ -12,11 +12,11 @@
 #include <ros/node_handle.h>
 #include <ros/spinner.h>
 
+#include "basics/mutex.hpp"
+#include "basics/quote.hpp"
 #include "helix_arm/Forward.h"
 #include "helix_arm/Inverse.h"
 #include "helix_arm/Payload.h"
-#include "helix_arm/basics/mutex.hpp"
-#include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/model/arm.hpp"
 #include "helix_arm/statics/arm_model.hpp"

@@ -2,7 +2,7 @@
 
 #include <utility>
 
-#include "helix_arm/basics/quote.hpp"
+#include "basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "ros_bridge/common/conversions.hpp"

@@ -6,8 +6,8 @@
 #include <actionlib/server/simple_action_server.h>
 #include <ros/node_handle.h>
 
+#include "basics/mutex.hpp"
 #include "helix_arm/PlanTipPathAction.h"
-#include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/planning/pressure_planner.hpp"
 #include "pressure_loop.hpp"

@@ -11,7 +11,7 @@
 
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/regulator/config.hpp"
-#include "helix_arm/regulator/realtime.hpp"
+#include "regulator/realtime.hpp"
 #include "ros_bridge/common/guarded_callbacks.hpp"
 #include "ros_bridge/names.hpp"
 

@@ -10,12 +10,12 @@
 #include <ros/time.h>
 
 #include "helix_arm/io/scene.hpp"
-#include "helix_arm/regulator/guard_process.hpp"
-#include "helix_arm/regulator/regulator_io.hpp"
 #include "keep_out_gate.hpp"
 #include "model_server.hpp"
 #include "plan_server.hpp"
 #include "pressure_loop.hpp"
+#include "regulator/guard_process.hpp"
+#include "regulator/regulator_io.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
 #include "ros_bridge/common/parameters.hpp"
 #include "ros_bridge/common/run_node.hpp"

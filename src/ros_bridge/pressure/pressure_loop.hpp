@@ -14,16 +14,16 @@
 #include <std_srvs/SetBool.h>
 #include <std_srvs/Trigger.h>
 
+#include "basics/mutex.hpp"
 #include "helix_arm/PressureArray.h"
 #include "helix_arm/SafetyState.h"
-#include "helix_arm/basics/mutex.hpp"
 #include "helix_arm/control/commander_lease.hpp"
 #include "helix_arm/control/safety.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/model/arm.hpp"
-#include "helix_arm/regulator/guard_process.hpp"
-#include "helix_arm/regulator/realtime.hpp"
-#include "helix_arm/regulator/regulator_io.hpp"
+#include "regulator/guard_process.hpp"
+#include "regulator/realtime.hpp"
+#include "regulator/regulator_io.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
 #include "ros_bridge/common/run_node.hpp"
 

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "helix_arm/basics/text.hpp"
+#include "basics/text.hpp"
 #include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/names.hpp"
 

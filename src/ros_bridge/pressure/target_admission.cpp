@@ -2,10 +2,10 @@
 
 #include <utility>
 
+#include "basics/quote.hpp"
+#include "basics/text.hpp"
 #include "helix_arm/ShapeTarget.h"
-#include "helix_arm/basics/quote.hpp"
-#include "helix_arm/basics/text.hpp"
-#include "helix_arm/regulator/regulator_io.hpp"
+#include "regulator/regulator_io.hpp"
 #include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/common/guarded_callbacks.hpp"
 #include "ros_bridge/names.hpp"

@@ -4,13 +4,10 @@
 #include <geometry_msgs/PoseStamped.h>
 #include <rosgraph_msgs/Clock.h>
 
-#include "helix_arm/basics/mutex.hpp"
+#include "basics/mutex.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/regulator/simulated_regulator.hpp"
-#include "helix_arm/simulation/bodies.hpp"
-#include "helix_arm/simulation/rig.hpp"
-#include "helix_arm/vision/jpeg.hpp"
 #include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
 #include "ros_bridge/common/guarded_callbacks.hpp"
@@ -18,6 +15,9 @@
 #include "ros_bridge/common/run_node.hpp"
 #include "ros_bridge/names.hpp"
 #include "ros_bridge/vision/pictures.hpp"
+#include "simulation/bodies.hpp"
+#include "simulation/rig.hpp"
+#include "vision/jpeg.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

@@ -2,10 +2,10 @@
 
 #include <opencv2/imgproc.hpp>
 
-#include "helix_arm/basics/text.hpp"
+#include "basics/text.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/procedures/loop_config.hpp"
 #include "helix_arm/tracking/error_budget.hpp"
+#include "procedures/loop_config.hpp"
 #include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/names.hpp"
 

@@ -12,14 +12,14 @@
 #include <opencv2/core.hpp>
 #include <ros/time.h>
 
-#include "helix_arm/basics/mutex.hpp"
+#include "basics/mutex.hpp"
 #include "helix_arm/control/target_check.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/model/shape.hpp"
-#include "helix_arm/procedures/loop_config.hpp"
 #include "observations.hpp"
 #include "picture_source.hpp"
+#include "procedures/loop_config.hpp"
 #include "ros_bridge/common/conversions.hpp"
 #include "ros_bridge/common/diagnostics.hpp"
 #include "ros_bridge/common/guarded_callbacks.hpp"

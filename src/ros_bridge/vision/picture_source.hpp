@@ -18,12 +18,11 @@
 #include <ros/node_handle.h>
 #include <ros/time.h>
 
-#include "helix_arm/basics/mutex.hpp"
+#include "basics/mutex.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/control/commander_lease.hpp"
 #include "helix_arm/io/scene.hpp"
-#include "helix_arm/io/shipped_files.hpp"
-#include "helix_arm/vision/frame_source.hpp"
+#include "io/scene/shipped_files.hpp"
 #include "observations.hpp"
 #include "pose_source.hpp"
 #include "ros_bridge/common/conversions.hpp"
@@ -31,6 +30,7 @@
 #include "ros_bridge/common/parameters.hpp"
 #include "ros_bridge/common/run_node.hpp"
 #include "ros_bridge/names.hpp"
+#include "vision/frame_source.hpp"
 
 namespace helix_arm::ros_bridge {
 

@@ -9,7 +9,7 @@
 #include <sensor_msgs/distortion_models.h>
 #include <sensor_msgs/image_encodings.h>
 
-#include "helix_arm/basics/quote.hpp"
+#include "basics/quote.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {

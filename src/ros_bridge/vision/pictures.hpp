@@ -14,11 +14,11 @@
 #include <sensor_msgs/CompressedImage.h>
 #include <sensor_msgs/Image.h>
 
-#include "helix_arm/basics/mutex.hpp"
+#include "basics/mutex.hpp"
 #include "helix_arm/basics/requirement.hpp"
 #include "helix_arm/localization/body_check.hpp"
 #include "helix_arm/localization/camera.hpp"
-#include "helix_arm/vision/jpeg.hpp"
+#include "vision/jpeg.hpp"
 
 /// Pictures and cameras: conversion between messages and values, and the handover of pictures to
 /// the thread that measures. Messages are checked here; no other code trusts them.

@@ -7,8 +7,8 @@
 #include <tuple>
 #include <utility>
 
-#include "helix_arm/basics/quote.hpp"
-#include "helix_arm/basics/text.hpp"
+#include "basics/quote.hpp"
+#include "basics/text.hpp"
 #include "ros_bridge/common/guarded_callbacks.hpp"
 #include "ros_bridge/names.hpp"
 

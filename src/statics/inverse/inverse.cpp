@@ -11,10 +11,10 @@
 #include <utility>
 #include <vector>
 
+#include "basics/quote.hpp"
+#include "basics/text.hpp"
 #include "box_levenberg_marquardt.hpp"
-#include "helix_arm/basics/quote.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/basics/text.hpp"
 #include "inverse_task.hpp"
 #include "statics/loaded/buckling.hpp"
 

@@ -2,7 +2,7 @@
 
 #include <cmath>
 
-#include "helix_arm/basics/pi.hpp"
+#include "basics/pi.hpp"
 
 namespace helix_arm::statics {
 

@@ -5,7 +5,7 @@
 #include <limits>
 #include <utility>
 
-#include "helix_arm/basics/pi.hpp"
+#include "basics/pi.hpp"
 #include "lie/coefficients.hpp"
 
 namespace helix_arm::statics {

@@ -9,9 +9,9 @@
 #include <sstream>
 
 #include "basics/fraction.hpp"
-#include "helix_arm/basics/median.hpp"
+#include "basics/median.hpp"
+#include "basics/text.hpp"
 #include "helix_arm/basics/requirement.hpp"
-#include "helix_arm/basics/text.hpp"
 #include "helix_arm/statics/arm_model.hpp"
 #include "helix_arm/statics/exact.hpp"
 #include "helix_arm/statics/loaded.hpp"

@@ -6,16 +6,16 @@
 #include <utility>
 #include <vector>
 
+#include "captures.hpp"
 #include "helix_arm/calibration/calibration.hpp"
 #include "helix_arm/calibration/contraction_fit.hpp"
 #include "helix_arm/calibration/series_fit.hpp"
 #include "helix_arm/calibration/suspects.hpp"
 #include "helix_arm/io/provenance.hpp"
 #include "helix_arm/io/scene.hpp"
-#include "helix_arm/procedures/captures.hpp"
-#include "helix_arm/response/inertia_fit.hpp"
-#include "helix_arm/response/mode_fit.hpp"
-#include "helix_arm/response/response_fit.hpp"
+#include "response/inertia_fit.hpp"
+#include "response/mode_fit.hpp"
+#include "response/response_fit.hpp"
 
 namespace helix_arm::procedures {
 

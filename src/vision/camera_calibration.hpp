@@ -6,11 +6,11 @@
 
 #include <opencv2/core.hpp>
 
+#include "charuco_board.hpp"
 #include "helix_arm/localization/camera.hpp"
 #include "helix_arm/localization/tag_layout.hpp"
 #include "helix_arm/localization/twist_fit.hpp"
 #include "helix_arm/model/shape.hpp"
-#include "helix_arm/vision/charuco_board.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
 
 namespace helix_arm::vision {

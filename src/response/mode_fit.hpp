@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "helix_arm/model/arm_response.hpp"
-#include "helix_arm/response/response_fit.hpp"
+#include "response_fit.hpp"
 
 /// The slowest vibration of an arm, from a point that rings after a release or a step.
 namespace helix_arm::estimation {

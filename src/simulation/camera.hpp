@@ -9,8 +9,8 @@
 #include "helix_arm/localization/arm_view.hpp"
 #include "helix_arm/model/shape.hpp"
 #include "helix_arm/simulation/config.hpp"
-#include "helix_arm/vision/charuco_board.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
+#include "vision/charuco_board.hpp"
 
 namespace helix_arm::simulation {
 

@@ -12,10 +12,10 @@
 #include "helix_arm/follow/path_check.hpp"
 #include "helix_arm/follow/visual_servo.hpp"
 #include "helix_arm/io/scene.hpp"
-#include "helix_arm/procedures/loop_config.hpp"
-#include "helix_arm/simulation/rig.hpp"
-#include "helix_arm/simulation/simulated_vision.hpp"
 #include "helix_arm/tracking/error_budget.hpp"
+#include "loop_config.hpp"
+#include "simulation/rig.hpp"
+#include "simulation/simulated_vision.hpp"
 
 namespace helix_arm::procedures {
 

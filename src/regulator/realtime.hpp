@@ -4,7 +4,7 @@
 
 #include <pthread.h>
 
-#include "helix_arm/basics/mutex.hpp"
+#include "basics/mutex.hpp"
 
 /// Real-time scheduling and memory locking for the threads between targets and valves. If the
 /// user's limits refuse it, everything still works, with delays on a busy machine.

@@ -9,15 +9,15 @@
 
 #include <opencv2/core.hpp>
 
+#include "camera.hpp"
 #include "helix_arm/dynamics/motion.hpp"
 #include "helix_arm/localization/arm_view.hpp"
 #include "helix_arm/model/arm.hpp"
 #include "helix_arm/model/arm_response.hpp"
 #include "helix_arm/regulator/simulated_regulator.hpp"
-#include "helix_arm/simulation/camera.hpp"
-#include "helix_arm/simulation/plant.hpp"
 #include "helix_arm/statics/arm_model.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
+#include "plant.hpp"
 
 namespace helix_arm::simulation {
 

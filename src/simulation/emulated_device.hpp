@@ -8,7 +8,7 @@
 #include <thread>
 #include <vector>
 
-#include "helix_arm/basics/mutex.hpp"
+#include "basics/mutex.hpp"
 #include "helix_arm/control/safety.hpp"
 #include "helix_arm/regulator/config.hpp"
 

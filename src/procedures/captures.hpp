@@ -6,14 +6,14 @@
 #include <string>
 #include <vector>
 
+#include "body_recording.hpp"
 #include "helix_arm/calibration/calibration.hpp"
 #include "helix_arm/io/data_set.hpp"
 #include "helix_arm/io/provenance.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/io/tag_table.hpp"
 #include "helix_arm/localization/capture_check.hpp"
-#include "helix_arm/procedures/body_recording.hpp"
-#include "helix_arm/procedures/response_series.hpp"
+#include "response_series.hpp"
 
 namespace helix_arm::procedures {
 

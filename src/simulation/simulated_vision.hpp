@@ -9,8 +9,8 @@
 
 #include "helix_arm/localization/arm_view.hpp"
 #include "helix_arm/model/shape.hpp"
-#include "helix_arm/simulation/rig.hpp"
 #include "helix_arm/vision/arm_localizer.hpp"
+#include "rig.hpp"
 
 namespace helix_arm::simulation {
 

@@ -12,9 +12,9 @@
 
 #include <sys/types.h>
 
-#include "helix_arm/basics/mutex.hpp"
+#include "basics/mutex.hpp"
 #include "helix_arm/control/safety.hpp"
-#include "helix_arm/regulator/regulator_io.hpp"
+#include "regulator_io.hpp"
 
 namespace helix_arm::regulator {
 

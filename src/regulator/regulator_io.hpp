@@ -9,7 +9,7 @@
 #include <string>
 #include <thread>
 
-#include "helix_arm/basics/mutex.hpp"
+#include "basics/mutex.hpp"
 #include "helix_arm/control/safety.hpp"
 #include "helix_arm/regulator/driver.hpp"
 

@@ -7,7 +7,7 @@
 
 #include "helix_arm/io/data_set.hpp"
 #include "helix_arm/io/scene.hpp"
-#include "helix_arm/procedures/settle_watch.hpp"
+#include "settle_watch.hpp"
 
 namespace helix_arm::io {
 struct BodyTable;

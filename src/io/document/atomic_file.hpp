@@ -6,7 +6,7 @@
 #include <string>
 #include <string_view>
 
-#include "helix_arm/basics/regular_file.hpp"
+#include "basics/regular_file.hpp"
 
 namespace helix_arm::io {
 

@@ -5,9 +5,9 @@
 #include <string>
 #include <vector>
 
+#include "captures.hpp"
 #include "helix_arm/calibration/suspects.hpp"
 #include "helix_arm/io/scene.hpp"
-#include "helix_arm/procedures/captures.hpp"
 #include "helix_arm/regulator/simulated_regulator.hpp"
 
 /// A walk through the actuators of a new rig, one at a time with little pressure. It tells whether

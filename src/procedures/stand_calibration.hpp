@@ -3,7 +3,7 @@
 #include <string>
 #include <vector>
 
-#include "helix_arm/calibration/stand_fit.hpp"
+#include "calibration/stand_fit.hpp"
 #include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/io/provenance.hpp"
 #include "helix_arm/io/scene.hpp"

@@ -6,8 +6,8 @@
 
 #include "helix_arm/dynamics/motion_config.hpp"
 #include "helix_arm/model/arm.hpp"
-#include "helix_arm/response/mode_fit.hpp"
 #include "helix_arm/statics/load.hpp"
+#include "mode_fit.hpp"
 
 namespace helix_arm::estimation {
 
