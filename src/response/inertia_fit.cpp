@@ -16,7 +16,6 @@ constexpr double kLittleDamping = 1e-4;  // ratio at which it goes with its time
 constexpr double kFarthest = 12.0;       // logarithm of a factor on the masses
 constexpr double kFound = 1e-6;          // relative, of a frequency
 constexpr int kMostTries = 40;
-constexpr double kLeastOwn = 0.01;  // of a squared residual
 
 // The arm with other masses and damping.
 class Scaled {
@@ -35,8 +34,8 @@ class Scaled {
     return found.front();
   }
 
-  // Its rings after the steps of a recording.
-  ModeFit ringsOf(double mass, double damping, const model::InputHistory& history) const {
+  // Its tips (rows x 3) after the steps of a recording [m].
+  Eigen::MatrixXd tipsOf(double mass, double damping, const model::InputHistory& history) const {
     const dynamics::ArmMotion moving = motion(mass, damping);
     Eigen::MatrixXd tips(history.rows(), 3);
     for (Eigen::Index begin = 0, end = 0; begin < history.rows(); begin = end) {
@@ -55,7 +54,7 @@ class Scaled {
             return true;
           });
     }
-    return fitMode(history, tips);
+    return tips;
   }
 
   Eigen::VectorXd inputOf(const RingDown& ring) const {
@@ -147,24 +146,19 @@ class Fit {
   }
 
   // Vibrations of the arm with these factors, one after each release.
-  void predict(const model::InputHistory& history, const ModeFit& rings, InertiaFit& fit) {
+  void predict(const model::InputHistory& history, InertiaFit& fit) {
     const auto [mass, damping] = std::pair(fit.mass.value, fit.damping.value);
-    std::optional<ModeFit> simulated;
-    if (history.input.cols() > 0) simulated = arm_.ringsOf(mass, damping, history);
+    const bool steps = history.input.cols() > 0;
+    const Eigen::MatrixXd tips = steps ? arm_.tipsOf(mass, damping, history) : Eigen::MatrixXd();
     fit.predicted.clear();
-    own_.clear();
-    for (std::size_t i = 0; i < rings.rings.size(); ++i) {
-      if (!rings.rings[i].found()) continue;
-      const RingDown& ring = rings.rings[i];
-      if (simulated && simulated->rings[i].found()) {
-        const RingDown& alike = simulated->rings[i];
-        const double shared = alike.rms / ring.rms;
-        fit.predicted.push_back({alike.frequency.value, alike.damping.value});
-        own_.push_back(std::sqrt(std::clamp(1 - shared * shared, kLeastOwn, 1.0)));
-      } else {
-        fit.predicted.push_back(arm_.at(mass, damping, arm_.inputOf(ring)));
-        own_.push_back(1.0);
-      }
+    errors_.clear();
+    for (const RingDown* ring : measured_) {
+      const RingDown alike = steps ? refitted(*ring, history, tips) : RingDown();
+      const bool rings = steps && alike.found();
+      fit.predicted.push_back(rings ? Vibration{alike.frequency.value, alike.damping.value}
+                                    : arm_.at(mass, damping, arm_.inputOf(*ring)));
+      const RingDown& by = rings ? alike : *ring;
+      errors_.emplace_back(relativeError(by.frequency), relativeError(by.damping));
     }
   }
 
@@ -177,9 +171,8 @@ class Fit {
           fit.mass.value *
           std::pow(ring.frequency.value / fit.predicted[i].frequency, by_frequency_[i]);
       const double damping = fit.damping.value * ring.damping.value / fit.predicted[i].damping;
-      masses.push_back(
-          {mass, own_[i] * mass * std::abs(by_frequency_[i]) * relativeError(ring.frequency)});
-      dampings.push_back({damping, own_[i] * damping * relativeError(ring.damping)});
+      masses.push_back({mass, mass * std::abs(by_frequency_[i]) * errors_[i][0]});
+      dampings.push_back({damping, damping * errors_[i][1]});
     }
     if (parts_.mass) fit.mass = pooled(masses);
     if (parts_.damping) fit.damping = pooled(dampings);
@@ -189,10 +182,8 @@ class Fit {
   const Scaled& arm_;
   const InertiaParts parts_;
   std::vector<const RingDown*> measured_;
-  std::vector<double> by_frequency_;  // of the logarithm of the mass, about -2
-  // Part of a release's error that its arm does not share: what the fitted ringing leaves of a
-  // swing that is large is alike in both.
-  std::vector<double> own_;
+  std::vector<double> by_frequency_;     // of the logarithm of the mass, about -2
+  std::vector<Eigen::Vector2d> errors_;  // relative, of frequencies and damping ratios
 };
 
 }  // namespace
@@ -210,10 +201,10 @@ InertiaFit fitInertia(const model::Arm& arm, const std::optional<model::PlanarAr
   try {
     fit.begin(out);
     for (int i = 0; i < kCorrections; ++i) {
-      fit.predict(history, rings, out);
+      fit.predict(history, out);
       fit.correct(out);
     }
-    fit.predict(history, rings, out);
+    fit.predict(history, out);
   } catch (const std::runtime_error& error) {
     out.failure = error.what();
   }

@@ -45,6 +45,9 @@ constexpr int kFewestTurns = 2;
 constexpr double kTakesPartInRing = 0.3;  // of the longest way of a coordinate
 // A mode of an arm shows in at least this part of the releases and steps.
 constexpr double kLeastRinging = 1.0 / 3;
+// Releases of a real arm differ by about this part, which a few of them may not show: no release
+// counts for more than it leaves.
+constexpr double kUsualScatter = 0.03;
 constexpr int kMostWindows = 6;  // until a window fits its mode
 constexpr std::size_t kCandidates = 6;
 
@@ -55,14 +58,17 @@ struct Ringing {
 
 // Rows of one release.
 struct Motion {
-  Eigen::VectorXd time;      // [s]
-  Eigen::MatrixXd position;  // (rows x outputs) [m]
+  Eigen::VectorXd time;          // [s]
+  Eigen::MatrixXd position;      // (rows x outputs) [m]
+  std::vector<Eigen::Index> at;  // places in the recording
 
   Eigen::Index rows() const { return time.size(); }
   double duration() const { return time[rows() - 1] - time[0]; }
   double rate() const { return static_cast<double>(rows() - 1) / duration(); }
   Motion part(Eigen::Index begin, Eigen::Index end) const {
-    return {time.segment(begin, end - begin), position.middleRows(begin, end - begin)};
+    return {time.segment(begin, end - begin),
+            position.middleRows(begin, end - begin),
+            {at.begin() + begin, at.begin() + end}};
   }
 };
 
@@ -244,9 +250,9 @@ std::vector<RingCandidate> ringCandidates(const Motion& motion, double highest) 
   return found;
 }
 
-// Standard errors of the logarithms of frequency and damping.
-Eigen::Vector2d errorsOf(const Motion& window, double highest, const Ringing& shape) {
-  const Eigen::MatrixXd residual = residualOf(window, shape);
+// Standard errors of the logarithms of frequency and damping, by a residual.
+Eigen::Vector2d errorsOf(const Motion& window, double highest, const Ringing& shape,
+                         const Eigen::MatrixXd& residual) {
   const Eigen::MatrixXd J = RingProblem(window, highest).jacobian(shape);
   const Eigen::Index rows = window.rows(), outputs = residual.cols();
   const double freedom = static_cast<double>(rows) - 4 - 3.0 / static_cast<double>(outputs);
@@ -287,6 +293,24 @@ JudgedRing noRinging() {
   return out;
 }
 
+// @param alike  what the residual has in common with another one, for the errors; or 0.
+RingDown ringOf(const Motion& window, double highest, const Ringing& shape,
+                const Eigen::MatrixXd& alike) {
+  RingDown out;
+  out.residual = residualOf(window, shape);
+  const Eigen::Vector2d errors = errorsOf(window, highest, shape, out.residual - alike);
+  out.frequency = {shape.frequency, shape.frequency * errors[0]};
+  out.damping = {shape.damping, shape.damping * errors[1]};
+  out.slow = shape.slow;
+  out.rows = static_cast<int>(window.rows());
+  out.at = window.at;
+  out.rms = out.residual.norm() / std::sqrt(static_cast<double>(window.rows()));
+  if (!(errors.maxCoeff() <= kLargestError)) {
+    out.reason = "the ringing is not identifiable: a standard error exceeds half of its value";
+  }
+  return out;
+}
+
 // Fits a mode, and the window in which it rings, from a shape of the grid.
 JudgedRing ringFrom(const Ringing& start, const Motion& motion, double highest) {
   JudgedRing out;
@@ -309,14 +333,8 @@ JudgedRing ringFrom(const Ringing& start, const Motion& motion, double highest) 
       turnsOf(window->position - residual) < kFewestTurns) {
     return noRinging();
   }
-  const Eigen::Vector2d errors = errorsOf(*window, highest, shape);
-  out.ring.frequency = {shape.frequency, shape.frequency * errors[0]};
-  out.ring.damping = {shape.damping, shape.damping * errors[1]};
-  out.ring.rows = static_cast<int>(window->rows());
-  out.ring.rms = residual.norm() / std::sqrt(static_cast<double>(window->rows()));
-  if (!(errors.maxCoeff() <= kLargestError)) {
-    out.ring.reason = "the ringing is not identifiable: a standard error exceeds half of its value";
-  }
+  out.ring =
+      ringOf(*window, highest, shape, Eigen::MatrixXd::Zero(window->rows(), residual.cols()));
   return out;
 }
 
@@ -367,7 +385,7 @@ Motion motionOf(const model::InputHistory& history, const Eigen::MatrixXd& posit
     if (position.row(row).allFinite()) rows.push_back(row);
   }
   const Eigen::Map<const Eigen::VectorXd> time(history.time.data(), history.rows());
-  return {time(rows), position(rows, Eigen::all)};
+  return {time(rows), position(rows, Eigen::all), rows};
 }
 
 }  // namespace
@@ -383,8 +401,10 @@ Estimate pooled(const std::vector<Estimate>& values) {
   const double sum = weight.sum(), mean = (weight * value).sum() / sum;
   const double excess = (weight * (value - mean).square()).sum() - static_cast<double>(count - 1);
   const double own = count > 1 ? std::max(excess / (sum - weight.square().sum() / sum), 0.0) : 0.0;
-  const Eigen::ArrayXd shared = 1 / (variance + own);
-  return {(shared * value).sum() / shared.sum(), 1 / std::sqrt(shared.sum())};
+  const double usual = std::pow(kUsualScatter * mean, 2);
+  const Eigen::ArrayXd shared = 1 / (variance + std::max(own, usual));
+  return {(shared * value).sum() / shared.sum(),
+          std::sqrt((shared.square() * (variance + own)).sum()) / shared.sum()};
 }
 
 namespace {
@@ -439,6 +459,20 @@ ModeFit fitMode(const model::InputHistory& history, const Eigen::MatrixXd& posit
   }
   pool(fit);
   return fit;
+}
+
+RingDown refitted(const RingDown& ring, const model::InputHistory& history,
+                  const Eigen::MatrixXd& position) {
+  const Eigen::Map<const Eigen::VectorXd> time(history.time.data(), history.rows());
+  const Motion window{time(ring.at), position(ring.at, Eigen::all), ring.at};
+  const double highest = kHighestOfRate * window.rate();
+  const Ringing start{ring.frequency.value, ring.damping.value, ring.slow};
+  RingDown out =
+      ringOf(window, highest, RingProblem(window, highest).descended(start), ring.residual);
+  out.trial = ring.trial;
+  out.begin = ring.begin;
+  out.input = ring.input;
+  return out;
 }
 
 }  // namespace helix_arm::estimation

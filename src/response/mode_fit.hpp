@@ -12,14 +12,17 @@ namespace helix_arm::estimation {
 
 /// One release or step.
 struct RingDown {
-  int trial = 0;            ///< that it belongs to, counted from 0
-  double begin = 0.0;       ///< time of the fastest motion [s]
-  std::string reason;       ///< why no mode was found; empty if one was
-  Estimate frequency = {};  ///< natural frequency [Hz]
-  Estimate damping = {};    ///< damping ratio
-  double rms = 0.0;         ///< of the distance of the positions from the fitted motion [m]
-  int rows = 0;             ///< that were fitted
-  Eigen::VectorXd input;    ///< (n) where it ends [Pa]; empty where none is known
+  int trial = 0;                 ///< that it belongs to, counted from 0
+  double begin = 0.0;            ///< time of the fastest motion [s]
+  std::string reason;            ///< why no mode was found; empty if one was
+  Estimate frequency = {};       ///< natural frequency [Hz]
+  Estimate damping = {};         ///< damping ratio
+  double rms = 0.0;              ///< of the distance of the positions from the fitted motion [m]
+  int rows = 0;                  ///< that were fitted
+  double slow = 0.0;             ///< time constant of the slow part [s]
+  std::vector<Eigen::Index> at;  ///< (rows) places of these rows in the recording
+  Eigen::MatrixXd residual;      ///< (rows x 1 to 3) positions less the fitted motion [m]
+  Eigen::VectorXd input;         ///< (n) where it ends [Pa]; empty where none is known
 
   bool found() const { return reason.empty(); }
 };
@@ -35,7 +38,8 @@ struct ModeFit {
   bool fitted() const { return failure.empty(); }
 };
 
-/// Mean of values that differ by more than their errors (DerSimonian and Laird, 1986).
+/// Mean of values that differ by more than their errors (DerSimonian and Laird, 1986); weights
+/// count with a few percent of scatter between them, errors with the scatter that is seen.
 /// @param values  at least one.
 Estimate pooled(const std::vector<Estimate>& values);
 
@@ -61,5 +65,11 @@ Estimate pooled(const std::vector<Estimate>& values);
 /// @param position  (rows x 1 to 3) [m]; NaN where there is no reading.
 /// @throws std::invalid_argument without times, or if sizes differ.
 ModeFit fitMode(const model::InputHistory& history, const Eigen::MatrixXd& position);
+
+/// The ringing of a simulated arm in place of the one that `ring` was fitted to, by the same rows.
+/// Errors are those of the differences from `ring`: what the fitted motion leaves of a swing that
+/// is large is alike in both. Sizes as of fitMode().
+RingDown refitted(const RingDown& ring, const model::InputHistory& history,
+                  const Eigen::MatrixXd& position);
 
 }  // namespace helix_arm::estimation

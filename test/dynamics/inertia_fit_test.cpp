@@ -64,7 +64,7 @@ Recording recordingOf(const model::Arm& arm, test::Random& random, double noise)
 // From another mass and damping, 1.96 standard errors hold the truth in about 95 % of draws.
 TEST(InertiaFit, FindsMassAndDampingOfAnArmThatRings) {
   const model::Arm arm = test::softHelicalArm();
-  const int draws = test::draws(12, 50);
+  const int draws = test::draws(12, 100);
   int mass_inside = 0, damping_inside = 0;
   double mass_error = 0, damping_error = 0;
   for (int seed = 0; seed < draws; ++seed) {
