@@ -100,9 +100,13 @@ class SweepCheck::Walk {
   double motionTo(const Look& next) const {
     return kCurved * (next.marks - at_.marks).colwise().norm().maxCoeff();
   }
+  bool nearsItself(const Look& at) const {
+    return at.clearance->zone == static_cast<int>(check_.clearance_.keepOut().zones.size());
+  }
   bool isClearUntil(const Look& next) const {
-    const double motion = motionTo(next), here = at_.clearance->distance;
-    const double there = next.clearance->distance;
+    const double here = at_.clearance->distance, there = next.clearance->distance;
+    // Both of two places of the arm move.
+    const double motion = (nearsItself(at_) || nearsItself(next) ? 2 : 1) * motionTo(next);
     if (allowed_ < least_) return motion <= kAwayMotion && there >= allowed_;
     if (motion > check_.longest_) return false;
     return std::min(here, there) >= least_ &&

@@ -182,6 +182,25 @@ TEST(Clearance, FromItselfIsThePitchOfAHelix) {
   EXPECT_NEAR(ArmClearance(keep_out).of(model::Twists(twist)).distance, expected - 0.02, 1e-4);
 }
 
+// A stick along the tip's x axis, 0.2 m long.
+TEST(Clearance, OfTheToolFromTheArmCountsWhereTheArmBendsBackToIt) {
+  KeepOut keep_out;
+  keep_out.radii = {0.005};
+  keep_out.tool = ToolBody{Cylinder{0.005, 0.2}, {}};
+  keep_out.tool->X_TB.rotation = Eigen::AngleAxisd(basics::kPi / 2, Vector3d::UnitY()).matrix();
+  keep_out.tool->X_TB.translation.x() = 0.1;
+  const ArmClearance clearance(keep_out);
+  EXPECT_TRUE(std::isinf(clearance.of(arc(0.49 * basics::kPi, 0.3)).distance));
+  // Distance of the arm's base from the stick's axis.
+  const double turn = 1.4 * basics::kPi;
+  const Vector3d along(std::cos(turn), std::sin(turn), 0),
+      tip(0.1 * std::sin(turn), 0.1 * (1 - std::cos(turn)), 0);
+  const Clearance apart = clearance.of(arc(turn, 0.1));
+  EXPECT_NEAR(apart.distance, tip.cross(along).norm() - 0.01, 1e-4);
+  EXPECT_EQ(clearance.nameOf(apart.zone), kOwnBody);
+  EXPECT_LE(clearance.of(arc(1.9 * basics::kPi, 0.1)).distance, 0.0);
+}
+
 TEST(Clearance, OfAnArmWithoutZonesIsInfinite) {
   KeepOut keep_out;
   keep_out.radii = {0.02};
