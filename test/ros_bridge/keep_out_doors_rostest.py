@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""No door lets a command through at which the arm would touch a zone: targets by topic, handle and teleop, series, calibration runs
-and experiments, while vision, rig and all nodes run."""
+"""No door lets a command through at which the arm would touch a zone: targets by topic, handle and teleop, goals of the loop, series,
+calibration runs and walks, and experiments, while vision, rig and all nodes run."""
 import os
 import sys
 
@@ -17,13 +17,20 @@ from visualization_msgs.msg import InteractiveMarkerFeedback, InteractiveMarkerI
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", "support"))
 from calibration_rig import CalibrationRig  # noqa: E402
-from helix_arm.msg import (ArmShape, RunExperimentAction, RunExperimentGoal, SafetyState, ShapeTarget, TargetStatus,  # noqa: E402
-                           TipTarget)
+from helix_arm.msg import (ArmShape, FollowTipPathAction, FollowTipPathResult, RunExperimentAction, RunExperimentGoal,  # noqa: E402
+                           SafetyState, ShapeTarget, TargetStatus, TipTarget)
+from loop_rig import goal_along  # noqa: E402
 from zones import LEAST, TOUCHES, clearance, with_post  # noqa: E402
 
 
+WALKED = [0, 0, 1.24e5]  # pressures of a step of the walk [Pa]
+
+
 class Doors(CalibrationRig):
-    KNOWN = with_post(TOUCHES)
+    def setUp(self):
+        walks = "walk" in self.id()
+        self.KNOWN = with_post(WALKED, radius=0.002) if walks else with_post(TOUCHES)
+        super().setUp()
 
     def assert_blocked(self, answer):
         self.assertEqual((answer.fault, answer.zone), ("blocked", "post"), answer)
@@ -83,6 +90,15 @@ class Doors(CalibrationRig):
         self.assert_ends(GoalStatus.ABORTED, "post")
 
         self.free_the_arm()
+        self.run_node("visual_servo", self.scene)
+        loop = actionlib.SimpleActionClient("visual_servo/follow_tip_path", FollowTipPathAction)
+        self.assert_wait(lambda: loop.action_client.wait_for_server(rospy.Duration(1)))
+        loop.send_goal(goal_along([shape.tips, shape.tips + [0, 0.001, 0]], 1.0))
+        self.assert_wait(lambda: loop.gh.get_comm_state() == actionlib.CommState.DONE)
+        self.assertEqual(loop.get_result().error_code, FollowTipPathResult.INVALID_GOAL)
+        self.assertIn("post", loop.get_result().error_string)
+
+        self.free_the_arm()
         experiment = self.run_node("experiment", "_scene:=demo", f"_out_folder:={self.path('')}", f"_scene_folder:={self.path('')}")
         client = actionlib.SimpleActionClient("experiment/run_experiment", RunExperimentAction)
         self.assert_wait(lambda: client.action_client.wait_for_server(rospy.Duration(1)))
@@ -101,6 +117,11 @@ class Doors(CalibrationRig):
 
         nearest = min(clearance(command.pressure, TOUCHES) for command in self.command[::20])
         self.assertGreaterEqual(nearest, LEAST - 2e-4)
+
+    def test_a_walk_ends_before_the_step_that_would_touch(self):
+        self.send(walk=True)
+        self.assert_ends(GoalStatus.ABORTED, "post")
+        self.assertLess(max(command.pressure[2] for command in self.command), WALKED[2])
 
 
 if __name__ == "__main__":

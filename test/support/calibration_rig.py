@@ -31,7 +31,7 @@ class CalibrationRig(CommanderCase):
         demo = SOURCE + "/config/scenes/%s.yaml" % self.SCENE
         folders = ["_%s_folder:=%s" % (kind, tempfile.gettempdir()) for kind in ("scene", "data", "out")]
         true = self.scene_with(demo, {"simulation." + key: value for key, value in self.RIG.items()})
-        scene = "_scene:=" + self.scene_with(demo, {"safety.target_timeout_s": 3, "safety.reading_timeout_s": 1, **self.KNOWN})
+        self.scene = scene = "_scene:=" + self.scene_with(demo, {"safety.target_timeout_s": 3, "safety.reading_timeout_s": 1, **self.KNOWN})
         self.rig = self.run_node("simulated_rig", "_scene:=" + true, "_time_factor:=3", "_camera_rate:=8", "_command_timeout_s:=5")
         self.commander = self.run_node("pressure_command", scene, folders[0], "_regulator:=topic", "_auto_enable:=true", "_rate:=50")
         self.run_node("vision", scene, folders[0], "_source:=" + self.SIGHT, "_stale_after_s:=30")

@@ -14,13 +14,13 @@ TOUCHES = [3e5, 0, 0]  # pressures at which the arm's tip is inside the post [Pa
 POST, ARM, LEAST = 0.005, 0.01, 0.005  # radii; clearance_m [m]
 
 
-def with_post(touches):
+def with_post(touches, radius=POST):
     """Values of a scene: the post is where the tip is at these pressures. The base looks down: its x is -z of the world."""
     with open(DEMO) as file:
         section, = yaml.safe_load(file)["arm"]["sections"]
     x, y, z = (float(one) for one in Scene.load("demo").tips(touches))
     return {"arm.sections": [dict(section, separator_radius_m=ARM)], "clearance_m": LEAST,
-            "keep_out": [{"name": "post", "sphere": {"radius_m": POST, "position_m": [z, y, 0.6 - x]}}]}
+            "keep_out": [{"name": "post", "sphere": {"radius_m": radius, "position_m": [z, y, 0.6 - x]}}]}
 
 
 def clearance(pressures, touches):
