@@ -206,17 +206,12 @@ void lookAtSelf(const std::vector<Span>& spans, int zone, Clearance& best) {
   }
 }
 
-// The spans that a tool meets only where the arm bends back to it: half a turn before the tip, or a
-// quarter where a half circle of the arm's length until there is wider than the tool's reach [m].
-std::vector<Span> spansBehind(const std::vector<Span>& spans, double reach) {
-  double turn = 0, length = 0;
+// The spans that a tool meets only where the arm bends back to it: a quarter of a turn before the
+// tip.
+std::vector<Span> spansBehind(const std::vector<Span>& spans) {
+  double turn = 0;
   auto end = spans.end();
-  const auto far = [&] { return turn >= basics::kPi / 2 && length >= basics::kPi / 2 * reach; };
-  while (end != spans.begin() && turn < basics::kPi && !far()) {
-    --end;
-    turn += end->turn;
-    length += end->length;
-  }
+  while (end != spans.begin() && turn < basics::kPi / 2) turn += (--end)->turn;
   return {spans.begin(), end};
 }
 
@@ -236,14 +231,12 @@ struct ArmClearance::Bodies {
     tool = geometryOf(given.tool->form);
     tool->computeLocalAABB();
     half_tool = (tool->aabb_local.max_ - tool->aabb_local.min_) / 2;
-    reach = given.tool->X_TB.translation.norm() + half_tool.norm() + given.clearance;
   }
 
   const KeepOut keep_out;
   std::vector<Obstacle> obstacles;
   std::shared_ptr<fcl::CollisionGeometryd> tool;
   Vector3d half_tool = Vector3d::Zero();  // of its bounding box
-  double reach = 0.0;                     // of it and the clearance about the tip [m]
 };
 
 ArmClearance::ArmClearance(const KeepOut& keep_out)
@@ -291,7 +284,7 @@ Clearance ArmClearance::of(const model::Shape& shape) const {
   if (keep_out.tool) {
     const Form form = std::visit([](const auto& one) { return Form(one); }, keep_out.tool->form);
     const Obstacle tool(form, body.X_BT * keep_out.tool->X_TB, 0.0);
-    Search(tool, own, largest, best).run(spansBehind(body.spans, bodies_->reach + largest));
+    Search(tool, own, largest, best).run(spansBehind(body.spans));
   }
   return best;
 }

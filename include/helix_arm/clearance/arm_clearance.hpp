@@ -31,8 +31,8 @@ struct Clearance {
 /// straight lines, and the tool. Along a curve the distance from a convex zone is bounded below by
 /// its tangents and by how far the curve is from its chord, so that few places are looked at.
 ///
-/// The own body counts for places between which the curve turns by half a turn or more, and for
-/// those that the tool reaches only where the arm bends back to it.
+/// The own body counts for places between which the curve turns by half a turn or more, and the
+/// tool for those from which it turns by a quarter until the tip.
 ///
 /// Immutable; threads may share it.
 class ArmClearance {
