@@ -280,12 +280,15 @@ Clearance ArmClearance::of(const model::Shape& shape) const {
     }
   }
   const int own = static_cast<int>(keep_out.zones.size());
-  lookAtSelf(body.spans, own, best);
+  Clearance self;
+  lookAtSelf(body.spans, own, self);
   if (keep_out.tool) {
     const Form form = std::visit([](const auto& one) { return Form(one); }, keep_out.tool->form);
     const Obstacle tool(form, body.X_BT * keep_out.tool->X_TB, 0.0);
-    Search(tool, own, largest, best).run(spansBehind(body.spans));
+    Search(tool, own, largest, self).run(spansBehind(body.spans));
   }
+  if (self.distance < best.distance) best = self;
+  best.own = self.distance;
   return best;
 }
 

@@ -100,17 +100,18 @@ class SweepCheck::Walk {
   double motionTo(const Look& next) const {
     return kCurved * (next.marks - at_.marks).colwise().norm().maxCoeff();
   }
-  bool nearsItself(const Look& at) const {
-    return at.clearance->zone == static_cast<int>(check_.clearance_.keepOut().zones.size());
-  }
   bool isClearUntil(const Look& next) const {
-    const double here = at_.clearance->distance, there = next.clearance->distance;
-    // Both of two places of the arm move.
-    const double motion = (nearsItself(at_) || nearsItself(next) ? 2 : 1) * motionTo(next);
-    if (allowed_ < least_) return motion <= kAwayMotion && there >= allowed_;
-    if (motion > check_.longest_) return false;
+    const double motion = motionTo(next);
+    const Clearance &here = *at_.clearance, &there = *next.clearance;
+    if (allowed_ < least_) return motion <= kAwayMotion && there.distance >= allowed_;
+    // Of two places of the arm, both move.
+    return motion <= check_.longest_ && isClear(here.distance, there.distance, motion, motion) &&
+           isClear(here.own, there.own, motion, 2 * motion);
+  }
+  // Whether a distance that changes by at most this much is kept all the way.
+  bool isClear(double here, double there, double motion, double change) const {
     return std::min(here, there) >= least_ &&
-           (motion < kFinestMotion || here + there - motion >= 2 * least_);
+           (motion < kFinestMotion || here + there - change >= 2 * least_);
   }
 
   const SweepCheck& check_;

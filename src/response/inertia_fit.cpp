@@ -151,28 +151,31 @@ class Fit {
     const bool steps = history.input.cols() > 0;
     const Eigen::MatrixXd tips = steps ? arm_.tipsOf(mass, damping, history) : Eigen::MatrixXd();
     fit.predicted.clear();
-    errors_.clear();
+    alike_.clear();
     for (const RingDown* ring : measured_) {
-      const RingDown alike = steps ? refitted(*ring, history, tips) : RingDown();
-      const bool rings = steps && alike.found();
-      fit.predicted.push_back(rings ? Vibration{alike.frequency.value, alike.damping.value}
-                                    : arm_.at(mass, damping, arm_.inputOf(*ring)));
-      const RingDown& by = rings ? alike : *ring;
-      errors_.emplace_back(relativeError(by.frequency), relativeError(by.damping));
+      alike_.push_back(steps ? refitted(*ring, history, tips) : RingDown());
+      const RingDown& alike = alike_.back();
+      fit.predicted.push_back(steps && alike.found()
+                                  ? Vibration{alike.frequency.value, alike.damping.value}
+                                  : arm_.at(mass, damping, arm_.inputOf(*ring)));
+      if (!steps) alike_.back() = *ring;
     }
   }
 
   // Corrects the factors by what was predicted.
   void correct(InertiaFit& fit) const {
     std::vector<Estimate> masses, dampings;
+    const bool any =
+        std::any_of(alike_.begin(), alike_.end(), [](const RingDown& one) { return one.found(); });
     for (std::size_t i = 0; i < measured_.size(); ++i) {
-      const RingDown& ring = *measured_[i];
+      if (any && !alike_[i].found()) continue;  // in which the simulated arm does not ring
+      const RingDown &ring = *measured_[i], &by = any ? alike_[i] : ring;
       const double mass =
           fit.mass.value *
           std::pow(ring.frequency.value / fit.predicted[i].frequency, by_frequency_[i]);
       const double damping = fit.damping.value * ring.damping.value / fit.predicted[i].damping;
-      masses.push_back({mass, mass * std::abs(by_frequency_[i]) * errors_[i][0]});
-      dampings.push_back({damping, damping * errors_[i][1]});
+      masses.push_back({mass, mass * std::abs(by_frequency_[i]) * relativeError(by.frequency)});
+      dampings.push_back({damping, damping * relativeError(by.damping)});
     }
     if (parts_.mass) fit.mass = pooled(masses);
     if (parts_.damping) fit.damping = pooled(dampings);
@@ -182,8 +185,8 @@ class Fit {
   const Scaled& arm_;
   const InertiaParts parts_;
   std::vector<const RingDown*> measured_;
-  std::vector<double> by_frequency_;     // of the logarithm of the mass, about -2
-  std::vector<Eigen::Vector2d> errors_;  // relative, of frequencies and damping ratios
+  std::vector<double> by_frequency_;  // of the logarithm of the mass, about -2
+  std::vector<RingDown> alike_;       // simulated, or those measured where no pressures are known
 };
 
 }  // namespace

@@ -27,11 +27,10 @@ struct InertiaFit {
 
 /// Fits masses and damping to frequencies and damping ratios of an arm that rings: factors on the
 /// masses of the sections and on the time constants with which it rings alike. Where steps of
-/// pressure made it ring, the arm moves through the same pressures (dynamics::ArmMotion), and
-/// fitMode() takes its rings as it took those measured, so that swings may be large; elsewhere its
+/// pressure made it ring, the arm moves through the same pressures (dynamics::ArmMotion), and its
+/// rings are fitted by the same rows, refitted(), so that swings may be large; elsewhere its
 /// slowest small vibration about the rest where the release ends counts (dynamics::LinearMotion).
-/// Factors of several releases are means weighted by their errors, which include the scatter
-/// between releases.
+/// Factors of several releases are pooled().
 ///
 /// @param config   with a damping that is not 0. @param history  of the recording; where its inputs
 ///     are unknown, the arm counts as at its lower limits. @param rings  of the recording.

@@ -1,5 +1,6 @@
 #include "mode_fit.hpp"
 
+#include <Eigen/Geometry>
 #include <Eigen/QR>
 #include <algorithm>
 #include <array>
@@ -45,8 +46,7 @@ constexpr int kFewestTurns = 2;
 constexpr double kTakesPartInRing = 0.3;  // of the longest way of a coordinate
 // A mode of an arm shows in at least this part of the releases and steps.
 constexpr double kLeastRinging = 1.0 / 3;
-// Releases of a real arm differ by about this part, which a few of them may not show: no release
-// counts for more than it leaves.
+// Weights assume at least this scatter between releases, so that none outweighs all others.
 constexpr double kUsualScatter = 0.03;
 constexpr int kMostWindows = 6;  // until a window fits its mode
 constexpr std::size_t kCandidates = 6;
@@ -293,18 +293,18 @@ JudgedRing noRinging() {
   return out;
 }
 
-// @param alike  what the residual has in common with another one, for the errors; or 0.
+// @param noise  (rows x outputs) by which the errors are estimated.
 RingDown ringOf(const Motion& window, double highest, const Ringing& shape,
-                const Eigen::MatrixXd& alike) {
+                const Eigen::MatrixXd& noise) {
   RingDown out;
-  out.residual = residualOf(window, shape);
-  const Eigen::Vector2d errors = errorsOf(window, highest, shape, out.residual - alike);
+  const Eigen::Vector2d errors = errorsOf(window, highest, shape, noise);
   out.frequency = {shape.frequency, shape.frequency * errors[0]};
   out.damping = {shape.damping, shape.damping * errors[1]};
   out.slow = shape.slow;
   out.rows = static_cast<int>(window.rows());
   out.at = window.at;
-  out.rms = out.residual.norm() / std::sqrt(static_cast<double>(window.rows()));
+  out.position = window.position;
+  out.rms = residualOf(window, shape).norm() / std::sqrt(static_cast<double>(window.rows()));
   if (!(errors.maxCoeff() <= kLargestError)) {
     out.reason = "the ringing is not identifiable: a standard error exceeds half of its value";
   }
@@ -333,8 +333,7 @@ JudgedRing ringFrom(const Ringing& start, const Motion& motion, double highest) 
       turnsOf(window->position - residual) < kFewestTurns) {
     return noRinging();
   }
-  out.ring =
-      ringOf(*window, highest, shape, Eigen::MatrixXd::Zero(window->rows(), residual.cols()));
+  out.ring = ringOf(*window, highest, shape, residual);
   return out;
 }
 
@@ -463,15 +462,30 @@ ModeFit fitMode(const model::InputHistory& history, const Eigen::MatrixXd& posit
 
 RingDown refitted(const RingDown& ring, const model::InputHistory& history,
                   const Eigen::MatrixXd& position) {
+  basics::require(ring.found() && position.rows() == history.rows() && position.cols() == 3,
+                  "refitted: ", position.rows(), " positions for ", history.rows(),
+                  " rows, or a release without a mode; expected as many, with x, y and z");
   const Eigen::Map<const Eigen::VectorXd> time(history.time.data(), history.rows());
-  const Motion window{time(ring.at), position(ring.at, Eigen::all), ring.at};
-  const double highest = kHighestOfRate * window.rate();
-  const Ringing start{ring.frequency.value, ring.damping.value, ring.slow};
-  RingDown out =
-      ringOf(window, highest, RingProblem(window, highest).descended(start), ring.residual);
-  out.trial = ring.trial;
-  out.begin = ring.begin;
-  out.input = ring.input;
+  const Motion measured{time(ring.at), ring.position, ring.at},
+      simulated{measured.time, position(ring.at, Eigen::all), ring.at};
+  const Ringing shape{ring.frequency.value, ring.damping.value, ring.slow};
+  const double highest = std::max(kHighestOfRate * measured.rate(), 2 * shape.frequency);
+  const Ringing alike = RingProblem(simulated, highest).descended(shape);
+  Eigen::MatrixXd noise = residualOf(measured, shape);
+  if (noise.cols() == 3) {  // seen from any frame
+    const Eigen::Matrix4d turned = Eigen::umeyama(simulated.position.transpose().eval(),
+                                                  measured.position.transpose().eval(), false);
+    const Eigen::MatrixXd own =
+        noise - residualOf(simulated, alike) * turned.topLeftCorner<3, 3>().transpose();
+    if (own.norm() < noise.norm()) noise = own;
+  }
+  RingDown out = ringOf(measured, highest, shape, noise);
+  out.frequency = {alike.frequency,
+                   alike.frequency / out.frequency.value * out.frequency.standard_error};
+  out.damping = {alike.damping, alike.damping / out.damping.value * out.damping.standard_error};
+  if (alike.damping > kMostDamping || alike.frequency < kLowestFrequency) {
+    out.reason = noRinging().ring.reason;
+  }
   return out;
 }
 

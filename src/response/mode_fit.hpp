@@ -21,7 +21,7 @@ struct RingDown {
   int rows = 0;                  ///< that were fitted
   double slow = 0.0;             ///< time constant of the slow part [s]
   std::vector<Eigen::Index> at;  ///< (rows) places of these rows in the recording
-  Eigen::MatrixXd residual;      ///< (rows x 1 to 3) positions less the fitted motion [m]
+  Eigen::MatrixXd position;      ///< (rows x 1 to 3) that were fitted [m]
   Eigen::VectorXd input;         ///< (n) where it ends [Pa]; empty where none is known
 
   bool found() const { return reason.empty(); }
@@ -58,8 +58,8 @@ Estimate pooled(const std::vector<Estimate>& values);
 ///
 /// No mode is found where a sum of two exponentials explains the motion as well, as of an
 /// overdamped arm, or where a standard error exceeds half of its value. Standard errors count
-/// residuals that are correlated in time as fewer. The common values are means weighted by
-/// their errors, which include the scatter between releases if it exceeds their errors.
+/// residuals that are correlated in time as fewer. The common values are
+/// pooled().
 ///
 /// @param history   times are required; input (rows x actuators, or x 0 where none is known).
 /// @param position  (rows x 1 to 3) [m]; NaN where there is no reading.
@@ -67,8 +67,10 @@ Estimate pooled(const std::vector<Estimate>& values);
 ModeFit fitMode(const model::InputHistory& history, const Eigen::MatrixXd& position);
 
 /// The ringing of a simulated arm in place of the one that `ring` was fitted to, by the same rows.
-/// Errors are those of the differences from `ring`: what the fitted motion leaves of a swing that
-/// is large is alike in both. Sizes as of fitMode().
+/// Errors are those of the difference from `ring`: what a fitted motion leaves of a swing that is
+/// large is alike in both.
+/// @param ring  with a mode. @param position  (rows x 3) [m].
+/// @throws std::invalid_argument otherwise.
 RingDown refitted(const RingDown& ring, const model::InputHistory& history,
                   const Eigen::MatrixXd& position);
 

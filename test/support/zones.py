@@ -23,8 +23,8 @@ def with_post(touches, radius=POST):
             "keep_out": [{"name": "post", "sphere": {"radius_m": radius, "position_m": [z, y, 0.6 - x]}}]}
 
 
-def clearance(pressures, touches):
+def clearance(pressures, touches, radius=POST):
     """Distance of the arm from the post, by many places along its curve [m]."""
     scene = Scene.load("demo")
     places = scene.curve(pressures, points=400).positions.reshape(-1, 3)
-    return np.linalg.norm(places - scene.tips(touches), axis=1).min() - POST - ARM
+    return np.linalg.norm(places - scene.tips(touches), axis=1).min() - radius - ARM

@@ -23,6 +23,8 @@ struct Clearance {
   double distance = std::numeric_limits<double>::infinity();
   int zone = -1;  ///< index of the nearest one; their number for the arm's own body; -1: none
   Eigen::Vector3d place = Eigen::Vector3d::Zero();  ///< of the curve or tool, base frame [m]
+  /// Distance of the arm from itself [m]; infinite where it does not count.
+  double own = std::numeric_limits<double>::infinity();
 };
 
 /// Distances of an arm's body from zones and from itself, with FCL.
