@@ -104,7 +104,7 @@ class SweepCheck::Walk {
     const double motion = motionTo(next);
     const Clearance &here = *at_.clearance, &there = *next.clearance;
     if (allowed_ < least_) return motion <= kAwayMotion && there.distance >= allowed_;
-    // Of two places of the arm, both move.
+    // Both of two places of the arm move.
     return motion <= check_.longest_ && isClear(here.distance, there.distance, motion, motion) &&
            isClear(here.own, there.own, motion, 2 * motion);
   }
