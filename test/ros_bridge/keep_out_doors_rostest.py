@@ -35,6 +35,9 @@ class Doors(CalibrationRig):
     def assert_blocked(self, answer):
         self.assertEqual((answer.fault, answer.zone), ("blocked", "post"), answer)
 
+    def enable(self):
+        self.assert_wait(lambda: self.safety[-1].state == SafetyState.ENABLED or self.call("/pressure_command/enable", Trigger).success)
+
     def drag(self):
         handle = self.inbox("tip_handle/update_full", InteractiveMarkerInit)
         feedback = rospy.Publisher("tip_handle/feedback", InteractiveMarkerFeedback, queue_size=10)
@@ -93,20 +96,25 @@ class Doors(CalibrationRig):
         self.run_node("visual_servo", self.scene)
         loop = actionlib.SimpleActionClient("visual_servo/follow_tip_path", FollowTipPathAction)
         self.assert_wait(lambda: loop.action_client.wait_for_server(rospy.Duration(1)))
-        loop.send_goal(goal_along([shape.tips, shape.tips + [0, 0.001, 0]], 1.0))
-        self.assert_wait(lambda: loop.gh.get_comm_state() == actionlib.CommState.DONE)
+
+        def is_checked():
+            """Sends a goal, whose path is looked at once the arm is enabled."""
+            self.enable()
+            loop.send_goal(goal_along([shape.tips, shape.tips + [0, 0.001, 0]], 1.0))
+            self.assert_wait(lambda: loop.gh.get_comm_state() == actionlib.CommState.DONE)
+            return loop.get_result().error_code != FollowTipPathResult.NOT_ENABLED
+
+        self.assert_wait(is_checked)
         self.assertEqual(loop.get_result().error_code, FollowTipPathResult.INVALID_GOAL)
         self.assertIn("post", loop.get_result().error_string)
 
-        self.free_the_arm()
         experiment = self.run_node("experiment", "_scene:=demo", f"_out_folder:={self.path('')}", f"_scene_folder:={self.path('')}")
         client = actionlib.SimpleActionClient("experiment/run_experiment", RunExperimentAction)
         self.assert_wait(lambda: client.action_client.wait_for_server(rospy.Duration(1)))
 
         def sees_the_arm():
             """Sends a goal, which a node that has just started ends if no vision_status has reached it yet."""
-            self.assert_wait(lambda: self.safety[-1].state == SafetyState.ENABLED
-                             or self.call("/pressure_command/enable", Trigger).success)
+            self.enable()
             client.send_goal(RunExperimentGoal(name="step", repeats=2, hold_s=0.5, actuators=["muscle_1"]))
             self.assert_wait(lambda: client.gh.get_comm_state() == actionlib.CommState.DONE)
             return "was not seen" not in client.get_result().message
