@@ -269,8 +269,12 @@ Clearance ArmClearance::of(const model::Shape& shape) const {
     if (away - body.ball >= best.distance) continue;
     Search(obstacles[static_cast<std::size_t>(zone)], zone, largest, best).run(body.spans);
   }
+  const int own = static_cast<int>(keep_out.zones.size());
+  Clearance self;
+  lookAtSelf(body.spans, own, self);
   if (bodies_->tool) {
-    const Eigen::Isometry3d at = isometryOf(body.X_BT * keep_out.tool->X_TB);
+    const lie::SE3 X = body.X_BT * keep_out.tool->X_TB;
+    const Eigen::Isometry3d at = isometryOf(X);
     for (const auto& [away, zone] : order) {
       const Obstacle& obstacle = obstacles[static_cast<std::size_t>(zone)];
       if (obstacle.atLeast(at.translation()) - bodies_->tool->aabb_radius >= best.distance)
@@ -278,14 +282,11 @@ Clearance ArmClearance::of(const model::Shape& shape) const {
       const double distance = obstacle.of(*bodies_->tool, at);
       if (distance < best.distance) best = {distance, zone, at.translation()};
     }
-  }
-  const int own = static_cast<int>(keep_out.zones.size());
-  Clearance self;
-  lookAtSelf(body.spans, own, self);
-  if (keep_out.tool) {
-    const Form form = std::visit([](const auto& one) { return Form(one); }, keep_out.tool->form);
-    const Obstacle tool(form, body.X_BT * keep_out.tool->X_TB, 0.0);
-    Search(tool, own, largest, self).run(spansBehind(body.spans));
+    const std::vector<Span> behind = spansBehind(body.spans);
+    if (!behind.empty()) {
+      const Form form = std::visit([](const auto& one) { return Form(one); }, keep_out.tool->form);
+      Search(Obstacle(form, X, 0.0), own, largest, self).run(behind);
+    }
   }
   if (self.distance < best.distance) best = self;
   best.own = self.distance;

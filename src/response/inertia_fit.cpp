@@ -153,12 +153,11 @@ class Fit {
     fit.predicted.clear();
     alike_.clear();
     for (const RingDown* ring : measured_) {
-      alike_.push_back(steps ? refitted(*ring, history, tips) : RingDown());
+      alike_.push_back(steps ? refitted(*ring, history, tips) : *ring);
       const RingDown& alike = alike_.back();
       fit.predicted.push_back(steps && alike.found()
                                   ? Vibration{alike.frequency.value, alike.damping.value}
                                   : arm_.at(mass, damping, arm_.inputOf(*ring)));
-      if (!steps) alike_.back() = *ring;
     }
   }
 

@@ -293,24 +293,6 @@ JudgedRing noRinging() {
   return out;
 }
 
-// @param noise  (rows x outputs) by which the errors are estimated.
-RingDown ringOf(const Motion& window, double highest, const Ringing& shape,
-                const Eigen::MatrixXd& noise) {
-  RingDown out;
-  const Eigen::Vector2d errors = errorsOf(window, highest, shape, noise);
-  out.frequency = {shape.frequency, shape.frequency * errors[0]};
-  out.damping = {shape.damping, shape.damping * errors[1]};
-  out.slow = shape.slow;
-  out.rows = static_cast<int>(window.rows());
-  out.at = window.at;
-  out.position = window.position;
-  out.rms = residualOf(window, shape).norm() / std::sqrt(static_cast<double>(window.rows()));
-  if (!(errors.maxCoeff() <= kLargestError)) {
-    out.reason = "the ringing is not identifiable: a standard error exceeds half of its value";
-  }
-  return out;
-}
-
 // Fits a mode, and the window in which it rings, from a shape of the grid.
 JudgedRing ringFrom(const Ringing& start, const Motion& motion, double highest) {
   JudgedRing out;
@@ -333,7 +315,17 @@ JudgedRing ringFrom(const Ringing& start, const Motion& motion, double highest) 
       turnsOf(window->position - residual) < kFewestTurns) {
     return noRinging();
   }
-  out.ring = ringOf(*window, highest, shape, residual);
+  const Eigen::Vector2d errors = errorsOf(*window, highest, shape, residual);
+  out.ring.frequency = {shape.frequency, shape.frequency * errors[0]};
+  out.ring.damping = {shape.damping, shape.damping * errors[1]};
+  out.ring.slow = shape.slow;
+  out.ring.rows = static_cast<int>(window->rows());
+  out.ring.at = window->at;
+  out.ring.position = window->position;
+  out.ring.rms = residual.norm() / std::sqrt(static_cast<double>(window->rows()));
+  if (!(errors.maxCoeff() <= kLargestError)) {
+    out.ring.reason = "the ringing is not identifiable: a standard error exceeds half of its value";
+  }
   return out;
 }
 
@@ -479,11 +471,12 @@ RingDown refitted(const RingDown& ring, const model::InputHistory& history,
         noise - residualOf(simulated, alike) * turned.topLeftCorner<3, 3>().transpose();
     if (own.norm() < noise.norm()) noise = own;
   }
-  RingDown out = ringOf(measured, highest, shape, noise);
-  out.frequency = {alike.frequency,
-                   alike.frequency / out.frequency.value * out.frequency.standard_error};
-  out.damping = {alike.damping, alike.damping / out.damping.value * out.damping.standard_error};
-  if (alike.damping > kMostDamping || alike.frequency < kLowestFrequency) {
+  const Eigen::Vector2d errors = errorsOf(measured, highest, shape, noise);
+  RingDown out = ring;
+  out.frequency = {alike.frequency, alike.frequency * errors[0]};
+  out.damping = {alike.damping, alike.damping * errors[1]};
+  if (!(errors.maxCoeff() <= kLargestError) || alike.damping > kMostDamping ||
+      alike.frequency < kLowestFrequency) {
     out.reason = noRinging().ring.reason;
   }
   return out;
