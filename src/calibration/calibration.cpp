@@ -74,7 +74,7 @@ void addFit(const CalibrationFit& fit, Calibration& out) {
         correlationOf(fit.covariance, fitted, static_cast<int>(out.parameters.size()));
   }
   CalibrationProblem& problem = *fit.problem;
-  if (!problem.selection().stiffness().empty()) out.stiffness = problem.stiffness();
+  if (!problem.stiffnessEntries().empty()) out.stiffness = problem.stiffness();
   out.K_eps = problem.K_eps();
   out.length_scale = problem.lengthScale();
   out.spline = problem.spline();
@@ -93,9 +93,9 @@ bool isOutlier(const Comparison& one, double robust_scale) {
 }
 
 // Adds the agreement of the used readings, per capture and in total.
-void addResiduals(const std::vector<ArmCaptures>& arms, const CalibrationProblem& problem,
-                  const std::vector<Comparison>& comparisons, double robust_scale,
+void addResiduals(const CalibrationProblem& problem, const std::vector<Comparison>& comparisons,
                   Calibration& out) {
+  const std::vector<ArmCaptures>& arms = problem.arms();
   struct Sum {
     double square = 0;
     int fitting = 0, outliers = 0;
@@ -107,7 +107,7 @@ void addResiduals(const std::vector<ArmCaptures>& arms, const CalibrationProblem
   Sum total;
   for (const Comparison& one : comparisons) {
     Sum& sum = sums[one.capture];
-    if (isOutlier(one, robust_scale)) {
+    if (isOutlier(one, problem.options().robust_scale)) {
       ++sum.outliers;
       if (one.tag >= 0) {
         sum.tags.push_back(arms[problem.armOf(one.capture)].layout.tags[one.tag].id);
@@ -148,7 +148,7 @@ void raiseErrors(const std::vector<ParameterInfo>& infos, const Eigen::VectorXd&
 // Whether the stiffness stays identified if any one pressure is left out.
 bool stiffnessHolds(const CalibrationProblem& problem, const Eigen::VectorXd& variance) {
   const std::vector<ParameterInfo>& infos = problem.parameters();
-  for (std::size_t i = 0; i < problem.selection().stiffness().size(); ++i) {
+  for (std::size_t i = 0; i < problem.stiffnessEntries().size(); ++i) {
     if (!isIdentified(infos[i], variance[static_cast<Eigen::Index>(i)])) return false;
   }
   return true;
@@ -169,10 +169,10 @@ void addHeldOut(const CalibrationFit& fit, const Groups& groups, Calibration& ou
   out.held_out_shapes = left_out.shapes;
 }
 
-std::vector<std::string> warningsOf(const std::vector<ArmCaptures>& arms, const Groups& groups,
-                                    const CalibrationFit& fit,
+std::vector<std::string> warningsOf(const Groups& groups, const CalibrationFit& fit,
                                     const std::vector<CaptureResidual>& captures,
                                     const Gains& gains) {
+  const std::vector<ArmCaptures>& arms = fit.problem->arms();
   std::vector<std::string> warnings;
   const std::size_t pressures = groups.pressure.size();
   if (pressures < kFewestPressures && fit.covariance.size() > 0) {
@@ -235,13 +235,10 @@ std::optional<Verdict> unidentified(const std::vector<Parameter>& parameters) {
 }
 
 // Leaves out each pressure, and each arm, in turn, unless the fit explains too little.
-std::optional<CrossValidation> leaveOut(const std::vector<ArmCaptures>& read, const Groups& groups,
-                                        ReadingKind kind, double robust_scale,
-                                        const CalibrationFit& fit) {
+std::optional<CrossValidation> leaveOut(const Groups& groups, const CalibrationFit& fit) {
   const std::vector<Comparison> comparisons = fit.problem->compare(fit.noise_scale);
-  if (unexplained(comparisons, robust_scale)) return std::nullopt;
-  CrossValidation left_out =
-      crossValidate(read, groups, kind, *fit.problem, fit.noise_scale, comparisons);
+  if (unexplained(comparisons, fit.problem->options().robust_scale)) return std::nullopt;
+  CrossValidation left_out = crossValidate(fit, groups, comparisons);
   left_out.holds_up = groups.pressure.size() < kFewestPressures ||
                       stiffnessHolds(*fit.problem, left_out.jackknife.variance());
   return left_out;
@@ -275,18 +272,17 @@ const char* nameOf(CalibrationStatus status) {
 Calibration calibrate(const std::vector<ArmCaptures>& arms, const CalibrationOptions& options) {
   Calibration out;
   if (const auto verdict = unsound(arms)) return refused(std::move(out), *verdict);
-  const ReadingKind kind = kindOf(firstReading(arms));
-  out.error_unit = unitOf(kind);
-  if (const auto verdict = unfit(arms, options, kind)) return refused(std::move(out), *verdict);
+  out.error_unit = unitOf(kindOf(arms));
+  if (const auto verdict = unfit(arms, options)) return refused(std::move(out), *verdict);
 
   const Groups groups = groupByPressure(arms);
   // Free shapes predict nothing, so no pressure would be more informative than another.
   const bool predicts = !options.free_shapes && options.errors;
   const bool leave_out = predicts && options.held_out;
   const auto check = [&](const CalibrationFit& one) {
-    return leave_out ? leaveOut(arms, groups, kind, options.robust_scale, one) : std::nullopt;
+    return leave_out ? leaveOut(groups, one) : std::nullopt;
   };
-  const CalibrationFit fit = fitIdentified(arms, options, selectionOf(options), kind, check);
+  const CalibrationFit fit = fitIdentified(arms, options, check);
   if (!fit.converged) {
     return refused(std::move(out),
                    {CalibrationStatus::kNotConverged,
@@ -296,8 +292,8 @@ Calibration calibrate(const std::vector<ArmCaptures>& arms, const CalibrationOpt
   addFit(fit, out);
   const std::vector<Comparison> comparisons = fit.problem->compare(fit.noise_scale);
   out.noise_scale = fit.noise_scale;
-  if (options.errors) out.usual_scale = usualScale(arms, options, *fit.problem);
-  addResiduals(arms, *fit.problem, comparisons, options.robust_scale, out);
+  if (options.errors) out.usual_scale = usualScale(*fit.problem);
+  addResiduals(*fit.problem, comparisons, out);
   if (const auto verdict = unexplained(comparisons, options.robust_scale)) {
     return refused(std::move(out), *verdict);
   }
@@ -319,13 +315,13 @@ Calibration calibrate(const std::vector<ArmCaptures>& arms, const CalibrationOpt
     for (std::size_t c = 0; c < out.captures.size(); ++c) {
       out.captures[c].gain = gains.of[groups.of[c]];
     }
-    out.next_pressures = nextPressures(fit, arms.front().arm, options.next_pressures);
+    out.next_pressures = nextPressures(fit);
   }
-  out.combinations = combinationsOf(arms, options, fit, kind, out.parameters, jackknives);
-  const std::vector<std::string> warnings = warningsOf(arms, groups, fit, out.captures, gains);
+  out.combinations = combinationsOf(fit, out.parameters, jackknives);
+  const std::vector<std::string> warnings = warningsOf(groups, fit, out.captures, gains);
   out.warnings.insert(out.warnings.end(), warnings.begin(), warnings.end());
   if (options.errors) {
-    const std::vector<std::string> more = warningsOfHeld(arms, options, fit, kind, out.parameters);
+    const std::vector<std::string> more = warningsOfHeld(options, fit, out.parameters);
     out.warnings.insert(out.warnings.end(), more.begin(), more.end());
   }
   out.status = CalibrationStatus::kCalibrated;
@@ -336,8 +332,8 @@ std::optional<LeastTipError> fitLeastTipError(const std::vector<ArmCaptures>& ar
   if (unsound(arms)) return std::nullopt;
   CalibrationOptions options;
   options.fit = {FitParameter::kKappa};
-  if (unfit(arms, options, kindOf(firstReading(arms)))) return std::nullopt;
-  CalibrationProblem problem(arms, options, selectionOf(options));
+  if (unfit(arms, options)) return std::nullopt;
+  CalibrationProblem problem(arms, options);
   const auto errorAt = [&problem](double log_kappa) {
     problem.setNumbers(Eigen::VectorXd::Constant(1, log_kappa));
     double sum = 0;

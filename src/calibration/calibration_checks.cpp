@@ -32,7 +32,7 @@ std::optional<std::string> faultOf(const Capture& capture, const ArmCaptures& ar
                      " kPa; expected its limits, ", actuator.limits.lower / 1e3, " to ",
                      actuator.limits.upper / 1e3);
   }
-  if (kindOf(first.reading) == kindOf(capture.reading)) return std::nullopt;
+  if (first.reading.index() == capture.reading.index()) return std::nullopt;
   return who +
          "has another kind of reading than the captures before it; calibrate with one kind at a "
          "time";
@@ -98,7 +98,8 @@ std::string rigWords() {
 
 // Why readings of this kind cannot determine the requested parameters.
 std::optional<std::string> unmet(const std::vector<ArmCaptures>& arms,
-                                 const CalibrationOptions& options, ReadingKind kind) {
+                                 const CalibrationOptions& options) {
+  const ReadingKind kind = kindOf(arms);
   // The others tell the shape without load.
   const bool loaded =
       std::any_of(arms.begin(), arms.end(), [](const ArmCaptures& arm) { return arm.isLoaded(); });
@@ -206,7 +207,11 @@ std::optional<std::string> unlike(const std::vector<ArmCaptures>& arms,
 
 }  // namespace
 
-ReadingKind kindOf(const Reading& reading) { return static_cast<ReadingKind>(reading.index()); }
+ReadingKind kindOf(const std::vector<ArmCaptures>& arms) {
+  const auto first = std::find_if(arms.begin(), arms.end(),
+                                  [](const ArmCaptures& arm) { return !arm.captures.empty(); });
+  return static_cast<ReadingKind>(first->captures.front().reading.index());
+}
 
 bool isMet(FitNeed need, ReadingKind kind) {
   const bool corners = kind == ReadingKind::kCorners;
@@ -233,12 +238,6 @@ std::string pressureText(const Eigen::VectorXd& pressure) {
   std::vector<std::string> parts;
   for (const double one : pressure) parts.push_back(messageOf(one / 1e3));
   return basics::joined(parts) + " kPa";
-}
-
-const Reading& firstReading(const std::vector<ArmCaptures>& arms) {
-  const auto first = std::find_if(arms.begin(), arms.end(),
-                                  [](const ArmCaptures& arm) { return !arm.captures.empty(); });
-  return first->captures.front().reading;
 }
 
 std::optional<Verdict> unsound(const std::vector<ArmCaptures>& arms) {
@@ -273,7 +272,7 @@ Groups groupByPressure(const std::vector<ArmCaptures>& arms) {
 }
 
 std::optional<Verdict> unfit(const std::vector<ArmCaptures>& arms,
-                             const CalibrationOptions& options, ReadingKind kind) {
+                             const CalibrationOptions& options) {
   const Groups groups = groupByPressure(arms);
   if (groups.pressure.size() == 1 && !options.free_shapes) {
     return Verdict{
@@ -282,7 +281,7 @@ std::optional<Verdict> unfit(const std::vector<ArmCaptures>& arms,
                   ", where the parameters cannot be distinguished; capture at other pressures, too",
                   inBar(arms.front()))};
   }
-  std::optional<std::string> reason = unmet(arms, options, kind);
+  std::optional<std::string> reason = unmet(arms, options);
   if (!reason) reason = unlike(arms, options);
   if (!reason) return std::nullopt;
   return Verdict{CalibrationStatus::kNothingToFit, *reason};

@@ -14,7 +14,8 @@ namespace helix_arm::estimation {
 using basics::messageOf;
 
 enum class ReadingKind { kCurvature, kTwists, kPoses, kCorners };
-ReadingKind kindOf(const Reading& reading);
+/// Requires at least one capture.
+ReadingKind kindOf(const std::vector<ArmCaptures>& arms);
 /// Whether captures with such readings meet a need. Does not check whether the arm is loaded.
 bool isMet(FitNeed need, ReadingKind kind);
 /// Unit of the errors of such readings: rad, px or m.
@@ -22,9 +23,6 @@ const char* unitOf(ReadingKind kind);
 
 /// "100, 0, 50 kPa".
 std::string pressureText(const Eigen::VectorXd& pressure);
-
-/// Requires at least one capture.
-const Reading& firstReading(const std::vector<ArmCaptures>& arms);
 
 /// Reason for refusing a fit.
 struct Verdict {
@@ -35,7 +33,7 @@ struct Verdict {
 std::optional<Verdict> unsound(const std::vector<ArmCaptures>& arms);
 /// Why sound captures cannot determine the requested parameters.
 std::optional<Verdict> unfit(const std::vector<ArmCaptures>& arms,
-                             const CalibrationOptions& options, ReadingKind kind);
+                             const CalibrationOptions& options);
 
 /// Captures grouped by equal pressures.
 struct Groups {

@@ -27,24 +27,25 @@ double errorOf(ReadingKind kind, const std::vector<Comparison>& comparisons) {
 
 // One refit without each group, from the full solution.
 struct Refits {
-  std::vector<Eigen::VectorXd> vectors;           // (groups) values of the parameters
-  std::vector<std::vector<Comparison>> left_out;  // (groups) by the fit without it
-  std::vector<model::Twists> shapes;              // (captures) by the fit without it
+  ReadingKind kind;
+  std::vector<Eigen::VectorXd> vectors = {};           // (groups) values of the parameters
+  std::vector<std::vector<Comparison>> left_out = {};  // (groups) by the fit without it
+  std::vector<model::Twists> shapes = {};              // (captures) by the fit without it
   bool complete = true;
 };
 
 // @param of  (captures) group of each.
-Refits refit(CalibrationProblem& problem, double noise_scale, const std::vector<int>& of,
-             std::size_t groups) {
-  Refits refits;
+Refits refit(const CalibrationFit& fit, const std::vector<int>& of, std::size_t groups) {
+  CalibrationProblem& problem = *fit.problem;
+  Refits refits{problem.kind()};
   refits.shapes.resize(problem.captures());
   const Eigen::VectorXd full = problem.numbers();
   for (int g = 0; g < static_cast<int>(groups); ++g) {
     refits.complete &=
-        problem.solve(noise_scale, [&](int capture) { return of[capture] != g; }).converged;
+        problem.solve(fit.noise_scale, [&](int capture) { return of[capture] != g; }).converged;
     refits.vectors.push_back(problem.blocks().vector());
     std::vector<Comparison> left_out;
-    for (const Comparison& one : problem.compare(noise_scale)) {
+    for (const Comparison& one : problem.compare(fit.noise_scale)) {
       if (of[one.capture] == g) left_out.push_back(one);
     }
     refits.left_out.push_back(std::move(left_out));
@@ -56,19 +57,20 @@ Refits refit(CalibrationProblem& problem, double noise_scale, const std::vector<
   return refits;
 }
 
-HeldOut heldOut(ReadingKind kind, const Refits& refits, const std::vector<std::string>& labels,
+HeldOut heldOut(const Refits& refits, const std::vector<std::string>& labels,
                 const std::vector<Comparison>& in_sample) {
   HeldOut out;
   std::vector<Comparison> all;
   std::vector<std::vector<Comparison>> of_capture(refits.shapes.size());
   for (std::size_t g = 0; g < refits.left_out.size(); ++g) {
-    out.groups.push_back({labels[g], errorOf(kind, refits.left_out[g])});
+    out.groups.push_back({labels[g], errorOf(refits.kind, refits.left_out[g])});
     all.insert(all.end(), refits.left_out[g].begin(), refits.left_out[g].end());
     for (const Comparison& one : refits.left_out[g]) of_capture[one.capture].push_back(one);
   }
-  for (const std::vector<Comparison>& one : of_capture) out.captures.push_back(errorOf(kind, one));
-  out.error = errorOf(kind, all);
-  out.in_sample = errorOf(kind, in_sample);
+  for (const std::vector<Comparison>& one : of_capture)
+    out.captures.push_back(errorOf(refits.kind, one));
+  out.error = errorOf(refits.kind, all);
+  out.in_sample = errorOf(refits.kind, in_sample);
   return out;
 }
 
@@ -206,14 +208,15 @@ std::vector<Combination> combinationsAmong(const LogErrors& errors,
 
 }  // namespace
 
-CrossValidation crossValidate(const std::vector<ArmCaptures>& arms, const Groups& groups,
-                              ReadingKind kind, CalibrationProblem& problem, double noise_scale,
+CrossValidation crossValidate(const CalibrationFit& fit, const Groups& groups,
                               const std::vector<Comparison>& in_sample) {
+  const CalibrationProblem& problem = *fit.problem;
+  const std::vector<ArmCaptures>& arms = problem.arms();
   std::vector<std::string> labels;
   for (const Eigen::VectorXd& one : groups.pressure) labels.push_back(pressureText(one));
-  Refits refits = refit(problem, noise_scale, groups.of, labels.size());
+  Refits refits = refit(fit, groups.of, labels.size());
   CrossValidation out;
-  out.by_pressure = heldOut(kind, refits, labels, in_sample);
+  out.by_pressure = heldOut(refits, labels, in_sample);
   out.shapes = std::move(refits.shapes);
   out.complete = refits.complete;
   out.jackknife = jackknifeOf(problem.parameters(), refits.vectors);
@@ -222,17 +225,15 @@ CrossValidation crossValidate(const std::vector<ArmCaptures>& arms, const Groups
   for (int c = 0; c < problem.captures(); ++c) arm_of.push_back(problem.armOf(c));
   labels.clear();
   for (const ArmCaptures& arm : arms) labels.push_back(arm.name);
-  out.by_arm = heldOut(kind, refit(problem, noise_scale, arm_of, arms.size()), labels, in_sample);
+  out.by_arm = heldOut(refit(fit, arm_of, arms.size()), labels, in_sample);
   return out;
 }
 
-std::vector<Combination> combinationsOf(const std::vector<ArmCaptures>& arms,
-                                        const CalibrationOptions& options,
-                                        const CalibrationFit& fit, ReadingKind kind,
+std::vector<Combination> combinationsOf(const CalibrationFit& fit,
                                         const std::vector<Parameter>& reported,
                                         const std::vector<Jackknife>& left_out) {
-  if (!fit.asked.problem || fit.asked.problem->selection().stiffness().size() < 2) return {};
-  const Eigen::MatrixXd covariance = stiffnessErrors(arms, options, fit, kind);
+  if (!fit.asked.problem || fit.asked.problem->stiffnessEntries().size() < 2) return {};
+  const Eigen::MatrixXd covariance = stiffnessErrors(fit);
   LogErrors errors;
   std::vector<int> kept;
   for (int i = 0; i < static_cast<int>(covariance.rows()); ++i) {

@@ -48,14 +48,14 @@ Parameter heldParameter(const ParameterInfo& info) {
 
 // All parameters that affect the readings and could be fitted, requested or not, and the curve of
 // measured free lengths, except those that count as exact.
-Selection allOf(Selection wanted, const std::vector<ArmCaptures>& arms, ReadingKind kind) {
+CalibrationOptions withAll(CalibrationOptions wanted, const std::vector<ArmCaptures>& arms) {
   Elasticity initial = ShapeModel(arms, {}).initial();
   for (const FitParameterInfo& info : fitParameters()) {
     if (!info.uncertainIfHeld()) continue;
     // Entries that are absent from the scene stay absent.
     const bool adds = info.isStiffness()
                           ? !wanted.free_shapes && entryOf(initial, info.parameter) > 0
-                          : arms.size() == 1 && isMet(info.need, kind);
+                          : arms.size() == 1 && isMet(info.need, kindOf(arms));
     if (adds) wanted.fit.insert(info.parameter);
   }
   if (!wanted.free_shapes && arms.front().free_curve) {
@@ -93,13 +93,10 @@ Eigen::VectorXd numbersAmong(const CalibrationProblem& all, const CalibrationPro
 }
 
 // Covariance including the uncertainty of parameters that were held at their values during the fit.
-// @param all  includes the fitted parameters.
+// @param asked  with all that was requested.
 Eigen::MatrixXd withUncertaintyOfHeld(Eigen::MatrixXd covariance, const CalibrationProblem& fitted,
-                                      const std::vector<ArmCaptures>& arms,
-                                      const CalibrationOptions& options, const Selection& all,
-                                      double noise_scale) {
-  if (all.fit == fitted.selection().fit) return covariance;
-  CalibrationProblem everything(arms, options, all);
+                                      const CalibrationOptions& asked, double noise_scale) {
+  CalibrationProblem everything(fitted.arms(), withAll(asked, fitted.arms()));
   const std::vector<ParameterInfo>& infos = everything.parameters();
   const std::vector<int> places = placesAmong(fitted.parameters(), infos);
   std::vector<int> fitted_columns, held_columns;
@@ -128,7 +125,7 @@ Eigen::MatrixXd bendingOfValleys(CalibrationProblem& problem, const NoisySolutio
                                  const Eigen::MatrixXd& covariance) {
   const Eigen::VectorXd full = problem.numbers();
   Eigen::MatrixXd more = Eigen::MatrixXd::Zero(covariance.rows(), covariance.cols());
-  const int entries = static_cast<int>(problem.selection().stiffness().size());
+  const int entries = static_cast<int>(problem.stiffnessEntries().size());
   for (int e = 0; e < entries; ++e) {
     const double variance = covariance(e, e);
     if (variance < kSharp * kSharp) continue;
@@ -193,17 +190,20 @@ struct Candidate {
 };
 
 bool stiffnessIsIdentified(const CalibrationFit& fit) {
-  const auto entries = static_cast<std::ptrdiff_t>(fit.problem->selection().stiffness().size());
+  const auto entries = static_cast<std::ptrdiff_t>(fit.problem->stiffnessEntries().size());
   return std::all_of(fit.identified.begin(), fit.identified.begin() + entries,
                      [](bool identified) { return identified; });
 }
 
-// @param all  parameters that could be fitted.
+// @param asked  with all that was requested.
 Candidate candidateOf(const std::vector<ArmCaptures>& arms, const CalibrationOptions& options,
-                      const Selection& selection, const Selection& all, double bias) {
+                      const CalibrationOptions& asked) {
   Candidate candidate;
   CalibrationFit& fit = candidate.fit;
-  fit.problem = std::make_shared<CalibrationProblem>(arms, options, selection);
+  fit.problem = std::make_shared<CalibrationProblem>(arms, options);
+  // Error of the readings that the residuals do not show.
+  const bool corners = fit.problem->kind() == ReadingKind::kCorners;
+  const double bias = corners ? options.corner_floor / options.corner_noise : 0.0;
   const NoisySolution estimate = solveWithNoise(*fit.problem, bias);
   fit.converged = estimate.converged;
   fit.noise_scale = estimate.noise_scale;
@@ -211,7 +211,7 @@ Candidate candidateOf(const std::vector<ArmCaptures>& arms, const CalibrationOpt
   if (!options.errors) return candidate;
   Statistics statistics = statisticsOf(*fit.problem, fit.noise_scale);
   fit.information = std::move(statistics.information);
-  const auto entries = static_cast<Eigen::Index>(selection.stiffness().size());
+  const auto entries = static_cast<Eigen::Index>(fit.problem->stiffnessEntries().size());
   candidate.marginal = statistics.covariance.topLeftCorner(entries, entries);
   const std::vector<ParameterInfo>& infos = fit.problem->parameters();
   const auto judge = [&](const Eigen::MatrixXd& covariance) {
@@ -223,16 +223,11 @@ Candidate candidateOf(const std::vector<ArmCaptures>& arms, const CalibrationOpt
   fit.covariance = statistics.covariance;
   judge(fit.covariance);
   if (!fit.converged || !stiffnessIsIdentified(fit)) return candidate;
-  fit.covariance = withUncertaintyOfHeld(statistics.covariance, *fit.problem, arms, options, all,
-                                         fit.noise_scale);
+  fit.covariance =
+      withUncertaintyOfHeld(statistics.covariance, *fit.problem, asked, fit.noise_scale);
   fit.covariance += bendingOfValleys(*fit.problem, estimate, statistics.covariance);
   judge(fit.covariance);
   return candidate;
-}
-
-// Error of the readings that the residuals do not show, in expected standard deviations.
-double noiseBias(const CalibrationOptions& options, ReadingKind kind) {
-  return kind == ReadingKind::kCorners ? options.corner_floor / options.corner_noise : 0.0;
 }
 
 // A division of some entries into fitted and held ones; held entries keep their priors.
@@ -267,13 +262,11 @@ std::vector<Split> splitsOf(const Eigen::MatrixXd& information, double prior_var
 
 // Whether a parameter counts as exact, and could have been requested together with the others.
 bool canBeFittedAsWell(const FitParameterInfo& info, const std::vector<ArmCaptures>& arms,
-                       CalibrationOptions options, ReadingKind kind) {
+                       CalibrationOptions options) {
   if (!info.block || info.uncertainIfHeld() || options.fits(info.parameter)) return false;
-  if (info.block == ParameterBlock::kLengthScale && selectionOf(options).has(*info.block)) {
-    return false;
-  }
+  if (info.block == ParameterBlock::kLengthScale && isFree(options, *info.block)) return false;
   options.fit.insert(info.parameter);
-  return !unfit(arms, options, kind);
+  return !unfit(arms, options);
 }
 
 // Test by the captures of a parameter that was not fitted.
@@ -287,11 +280,11 @@ struct HeldTest {
 };
 
 // Score test: the gradient at the fitted values, with all that is not exact marginalised.
-HeldTest testHeld(const FitParameterInfo& info, const std::vector<ArmCaptures>& arms,
-                  const CalibrationOptions& options, const CalibrationFit& fit, ReadingKind kind) {
-  Selection all = allOf(fit.problem->selection(), arms, kind);
+HeldTest testHeld(const FitParameterInfo& info, const CalibrationFit& fit) {
+  const std::vector<ArmCaptures>& arms = fit.problem->arms();
+  CalibrationOptions all = withAll(fit.problem->options(), arms);
   all.fit.insert(info.parameter);
-  CalibrationProblem everything(arms, options, all);
+  CalibrationProblem everything(arms, all);
   everything.setNumbers(numbersAmong(everything, *fit.problem));
   const std::vector<ParameterInfo>& infos = everything.parameters();
   const std::vector<int> fitted = placesAmong(infos, fit.problem->parameters());
@@ -366,9 +359,8 @@ std::optional<std::string> warningOfLengths(const HeldTest& lengths, const Calib
 }
 
 // Sum of the squared residuals of arms that are given otherwise, at the values of a fit.
-double squaresOf(const std::vector<ArmCaptures>& arms, const CalibrationOptions& options,
-                 const CalibrationProblem& fitted) {
-  CalibrationProblem problem(arms, options, fitted.selection());
+double squaresOf(const std::vector<ArmCaptures>& arms, const CalibrationProblem& fitted) {
+  CalibrationProblem problem(arms, fitted.options());
   problem.setNumbers(fitted.numbers());
   double sum = 0;
   for (const Comparison& one : problem.compare(1.0, false)) sum += one.square;
@@ -383,23 +375,20 @@ bool isIdentified(const ParameterInfo& info, double variance) {
 }
 
 CalibrationFit fitIdentified(const std::vector<ArmCaptures>& arms,
-                             const CalibrationOptions& options, const Selection& wanted,
-                             ReadingKind kind, const HeldOutCheck& check) {
-  const double bias = noiseBias(options, kind);
-  const Selection all = allOf(wanted, arms, kind);
+                             const CalibrationOptions& options, const HeldOutCheck& check) {
   // Keeps what the check left out with the fit.
   const auto isGood = [&](CalibrationFit& fit) {
     if (!fit.converged || !stiffnessIsIdentified(fit)) return false;
     fit.left_out = check(fit);
     return !fit.left_out || fit.left_out->holds_up;
   };
-  Candidate first = candidateOf(arms, options, wanted, all, bias);
+  Candidate first = candidateOf(arms, options, options);
   if (!options.errors) return std::move(first.fit);
   if (first.fit.converged) first.fit.asked.problem = first.fit.problem;
   first.fit.asked.noise_scale = first.fit.noise_scale;
   const bool good = isGood(first.fit);
   if (first.fit.left_out) first.fit.asked.left_out = first.fit.left_out->jackknife;
-  const std::vector<FitParameter> entries = wanted.stiffness();
+  const std::vector<FitParameter> entries = freeStiffness(options);
   if (good || entries.empty()) return std::move(first.fit);
   const std::vector<ParameterInfo> infos = first.fit.problem->parameters();
   const auto hold = [&](CalibrationFit& fit, const std::vector<int>& fitted) {
@@ -412,11 +401,11 @@ CalibrationFit fitIdentified(const std::vector<ArmCaptures>& arms,
   CalibrationFit last = std::move(first.fit);
   for (const Split& split :
        splitsOf(inverseOf(first.marginal), options.stiffness_prior * options.stiffness_prior)) {
-    if (split.fitted.empty() && !wanted.hasOtherThanStiffness()) break;
-    Selection selection = wanted;
-    for (const FitParameter one : entries) selection.fit.erase(one);
-    for (const int e : split.fitted) selection.fit.insert(entries[static_cast<std::size_t>(e)]);
-    CalibrationFit fit = candidateOf(arms, options, selection, all, bias).fit;
+    CalibrationOptions fewer = options;
+    for (const FitParameter one : entries) fewer.fit.erase(one);
+    for (const int e : split.fitted) fewer.fit.insert(entries[static_cast<std::size_t>(e)]);
+    if (fewer.fit.empty()) break;
+    CalibrationFit fit = candidateOf(arms, fewer, options).fit;
     fit.asked = asked;
     if (split.fitted.empty() || isGood(fit)) {
       hold(fit, split.fitted);
@@ -429,15 +418,12 @@ CalibrationFit fitIdentified(const std::vector<ArmCaptures>& arms,
   return last;
 }
 
-Eigen::MatrixXd stiffnessErrors(const std::vector<ArmCaptures>& arms,
-                                const CalibrationOptions& options, const CalibrationFit& fit,
-                                ReadingKind kind) {
+Eigen::MatrixXd stiffnessErrors(const CalibrationFit& fit) {
   CalibrationProblem& asked = *fit.asked.problem;
-  const auto entries = static_cast<Eigen::Index>(asked.selection().stiffness().size());
+  const auto entries = static_cast<Eigen::Index>(asked.stiffnessEntries().size());
   const Eigen::MatrixXd own = statisticsOf(asked, fit.asked.noise_scale).covariance;
   Eigen::MatrixXd covariance =
-      withUncertaintyOfHeld(own, asked, arms, options, allOf(asked.selection(), arms, kind),
-                            fit.asked.noise_scale)
+      withUncertaintyOfHeld(own, asked, asked.options(), fit.asked.noise_scale)
           .topLeftCorner(entries, entries);
   Eigen::VectorXd mean = (asked.numbers() - numbersAmong(asked, *fit.problem)).head(entries);
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> axes(own.topLeftCorner(entries, entries));
@@ -455,8 +441,9 @@ Eigen::MatrixXd stiffnessErrors(const std::vector<ArmCaptures>& arms,
   return covariance + mean * mean.transpose();
 }
 
-double usualScale(const std::vector<ArmCaptures>& read, const CalibrationOptions& options,
-                  CalibrationProblem& fitted) {
+double usualScale(CalibrationProblem& fitted) {
+  const std::vector<ArmCaptures>& read = fitted.arms();
+  const CalibrationOptions& options = fitted.options();
   int residuals = 0;
   double least = 0, added = 0;
   for (const Comparison& one : fitted.compare(1.0, false)) {
@@ -467,12 +454,11 @@ double usualScale(const std::vector<ArmCaptures>& read, const CalibrationOptions
     for (const double sign : {1.0, -1.0}) {
       std::vector<ArmCaptures> shifted = read;
       for (ArmCaptures& arm : shifted) shift(sign, arm);
-      const double change = squaresOf(shifted, options, fitted) - least;
+      const double change = squaresOf(shifted, fitted) - least;
       if (std::isfinite(change)) added += change / 2;
     }
   };
-  const bool places =
-      !options.fits(FitParameter::kTags) && isMet(FitNeed::kTags, kindOf(firstReading(read)));
+  const bool places = !options.fits(FitParameter::kTags) && isMet(FitNeed::kTags, fitted.kind());
   for (int axis = 0; axis < 3 && places; ++axis) {
     add([&](double sign, ArmCaptures& arm) {
       for (TagPlacement& tag : arm.layout.tags) {
@@ -522,16 +508,15 @@ CurveTest testCurve(const CalibrationFit& fit) {
   return out;
 }
 
-std::vector<std::string> warningsOfHeld(const std::vector<ArmCaptures>& arms,
-                                        const CalibrationOptions& options,
-                                        const CalibrationFit& fit, ReadingKind kind,
+std::vector<std::string> warningsOfHeld(const CalibrationOptions& asked, const CalibrationFit& fit,
                                         const std::vector<Parameter>& reported) {
+  const std::vector<ArmCaptures>& arms = fit.problem->arms();
   std::vector<std::string> warnings;
-  if (options.free_shapes) return warnings;
+  if (asked.free_shapes) return warnings;
   std::optional<HeldTest> doubted;
   for (const FitParameterInfo& info : fitParameters()) {
-    if (!canBeFittedAsWell(info, arms, options, kind)) continue;
-    const HeldTest test = testHeld(info, arms, options, fit, kind);
+    if (!canBeFittedAsWell(info, arms, asked)) continue;
+    const HeldTest test = testHeld(info, fit);
     if (test.probability < (doubted ? doubted->probability : kLeastProbability)) doubted = test;
     if (info.parameter != FitParameter::kLengthScale || arms.front().free_curve) continue;
     if (auto warning = warningOfLengths(test, fit, reported)) warnings.push_back(*warning);

@@ -89,11 +89,10 @@ bool isIdentified(const ParameterInfo& info, double variance);
 /// Fits as many entries of the stiffness as the captures identify. Among sets of equal size, the
 /// best-determined entries are fitted. The others keep their values. Without errors, fits all.
 ///
-/// The fit keeps references to arms and options.
+/// The fit keeps a reference to the arms.
 /// @param check  that a fit with identified stiffness must pass as well.
 CalibrationFit fitIdentified(const std::vector<ArmCaptures>& arms,
-                             const CalibrationOptions& options, const Selection& wanted,
-                             ReadingKind kind, const HeldOutCheck& check);
+                             const CalibrationOptions& options, const HeldOutCheck& check);
 
 /// Second moment of the errors of all requested stiffness logs about the fitted values, held ones
 /// included: the posterior at the optimum of all requested parameters, the distance between the
@@ -101,14 +100,11 @@ CalibrationFit fitIdentified(const std::vector<ArmCaptures>& arms,
 ///
 /// @param fit  with `asked`.
 /// @return (entries of the requested stiffness)^2.
-Eigen::MatrixXd stiffnessErrors(const std::vector<ArmCaptures>& arms,
-                                const CalibrationOptions& options, const CalibrationFit& fit,
-                                ReadingKind kind);
+Eigen::MatrixXd stiffnessErrors(const CalibrationFit& fit);
 
 /// The noise that a sound arm has, from how its squared residuals grow with errors of tags and
 /// pressures: see Calibration::usual_scale.
-double usualScale(const std::vector<ArmCaptures>& read, const CalibrationOptions& options,
-                  CalibrationProblem& fitted);
+double usualScale(CalibrationProblem& fitted);
 
 /// Test of the curve of a fit that has one and errors.
 CurveTest testCurve(const CalibrationFit& fit);
@@ -119,9 +115,8 @@ CurveTest testCurve(const CalibrationFit& fit);
 /// Score tests of every parameter that could be fitted as well, about the fitted values, with all
 /// others marginalised. One parameter is named, the least probable. Of sound captures, fewer than 1
 /// in 100 get such a warning.
-std::vector<std::string> warningsOfHeld(const std::vector<ArmCaptures>& arms,
-                                        const CalibrationOptions& options,
-                                        const CalibrationFit& fit, ReadingKind kind,
+/// @param asked  with all that was requested.
+std::vector<std::string> warningsOfHeld(const CalibrationOptions& asked, const CalibrationFit& fit,
                                         const std::vector<Parameter>& reported);
 
 // Information of captures about the parameters, and the most informative next pressures. The
@@ -135,21 +130,16 @@ struct Gains {
 /// Requires a fit with shapes of the model.
 Gains gainsOf(const CalibrationFit& fit, const Groups& groups);
 
-/// Pressures within the arm's limits, best first, each given the previous ones (greedy D-optimal
-/// design).
-///
-/// @param fit  a fit with shapes of the model.
-/// @param arm  the first arm of the fit.
-/// @return at most `count` vectors (actuators) [Pa].
-std::vector<Eigen::VectorXd> nextPressures(const CalibrationFit& fit, const model::Arm& arm,
-                                           int count);
+/// Pressures within the first arm's limits, best first, each given the previous ones (greedy
+/// D-optimal design): at most as many as the options ask for, (actuators) [Pa]. Requires a fit with
+/// shapes of the model.
+std::vector<Eigen::VectorXd> nextPressures(const CalibrationFit& fit);
 
 /// Repeats the fit without each pressure, and without each arm, in turn.
 ///
-/// @param problem    uses shapes of the model; its values are the full solution, and are restored.
-/// @param in_sample  residuals of all readings at that solution.
-CrossValidation crossValidate(const std::vector<ArmCaptures>& arms, const Groups& groups,
-                              ReadingKind kind, CalibrationProblem& problem, double noise_scale,
+/// @param fit  uses shapes of the model; the values of its problem are restored.
+/// @param in_sample  residuals of all readings at its solution.
+CrossValidation crossValidate(const CalibrationFit& fit, const Groups& groups,
                               const std::vector<Comparison>& in_sample);
 
 // Combinations of stiffness parameters in which the errors of a calibration are uncorrelated.
@@ -157,9 +147,7 @@ CrossValidation crossValidate(const std::vector<ArmCaptures>& arms, const Groups
 /// @param reported  values of the parameters, with the names of `fit`.
 /// @param left_out  fits without each pressure, of `fit.asked` and of `fit.problem`; empty if there
 ///     are too few pressures.
-std::vector<Combination> combinationsOf(const std::vector<ArmCaptures>& arms,
-                                        const CalibrationOptions& options,
-                                        const CalibrationFit& fit, ReadingKind kind,
+std::vector<Combination> combinationsOf(const CalibrationFit& fit,
                                         const std::vector<Parameter>& reported,
                                         const std::vector<Jackknife>& left_out);
 

@@ -6,7 +6,6 @@
 #include <utility>
 
 #include "calibration_checks.hpp"
-#include "readings.hpp"
 
 namespace helix_arm::estimation {
 namespace {
@@ -64,12 +63,122 @@ DampedStep dampedStep(CalibrationEquations& equations, const Eigen::VectorXd& da
 
 }  // namespace
 
+CalibrationEquations::CalibrationEquations(const ParameterBlocks& blocks, ParameterBlock eliminated)
+    : blocks_(blocks.all()),
+      H_(Eigen::MatrixXd::Zero(blocks.columns(), blocks.columns())),
+      gradient_(Eigen::VectorXd::Zero(blocks.columns())) {
+  for (const ParameterBlocks::Block& block : blocks_) {
+    if (block.kind == eliminated) {
+      eliminated_.push_back({block.column, block.size()});
+      continue;
+    }
+    for (int i = 0; i < block.size(); ++i) rest_.push_back(block.column + i);
+  }
+}
+
+void CalibrationEquations::clear() {
+  H_.setZero();
+  gradient_.setZero();
+}
+
+void CalibrationEquations::addPrior(const ParameterBlocks::Block& block,
+                                    const Eigen::VectorXd& offset) {
+  const Eigen::VectorXd precision = block.deviation.array().square().inverse();
+  H_.diagonal().segment(block.column, block.size()) += precision;
+  gradient_.segment(block.column, block.size()) += precision.cwiseProduct(offset);
+}
+
+void CalibrationEquations::addDirection(const ParameterBlocks::Block& block,
+                                        const Eigen::VectorXd& direction, double deviation,
+                                        double offset) {
+  const double precision = 1 / (deviation * deviation);
+  H_.block(block.column, block.column, block.size(), block.size()) +=
+      precision * direction * direction.transpose();
+  gradient_.segment(block.column, block.size()) += precision * offset * direction;
+}
+
+void CalibrationEquations::addTerm(const ReadingCost& cost, const Eigen::MatrixXd& J,
+                                   const Eigen::VectorXd& residual, double weight) {
+  const Eigen::MatrixXd square = weight * J.transpose() * J;
+  const Eigen::VectorXd by_residual = weight * J.transpose() * residual;
+  int i = 0;
+  for (const int a : cost.blocks()) {
+    const ParameterBlocks::Block& row = blocks_[static_cast<std::size_t>(a)];
+    gradient_.segment(row.column, row.size()) += by_residual.segment(i, row.size());
+    int j = 0;
+    for (const int b : cost.blocks()) {
+      const ParameterBlocks::Block& column = blocks_[static_cast<std::size_t>(b)];
+      H_.block(row.column, column.column, row.size(), column.size()) +=
+          square.block(i, j, row.size(), column.size());
+      j += column.size();
+    }
+    i += row.size();
+  }
+}
+
+bool CalibrationEquations::factor(const Eigen::VectorXd& damping) {
+  // Eigen calls NaN a success.
+  const auto sound = [](const Cholesky& root) {
+    return root.info() == Eigen::Success && root.matrixLLT().diagonal().allFinite();
+  };
+  reduced_ = H_(rest_, rest_);
+  reduced_.diagonal() += damping(rest_);
+  reduced_gradient_ = gradient_(rest_);
+  for (Eliminated& one : eliminated_) {
+    std::vector<int> columns;
+    one.at.clear();
+    for (std::size_t k = 0; k < rest_.size(); ++k) {
+      if (H_.col(rest_[k]).segment(one.column, one.size).isZero(0)) continue;
+      one.at.push_back(static_cast<int>(k));
+      columns.push_back(rest_[k]);
+    }
+    const auto rows = H_.middleRows(one.column, one.size);
+    Eigen::MatrixXd own = rows.middleCols(one.column, one.size);
+    own.diagonal() += damping.segment(one.column, one.size);
+    if (!sound(one.root.compute(own))) return false;
+    one.scaled_cross = one.root.matrixL().solve(rows(Eigen::all, columns));
+    one.scaled_gradient = one.root.matrixL().solve(gradient_.segment(one.column, one.size));
+    const Eigen::MatrixXd square = one.scaled_cross.transpose() * one.scaled_cross;
+    reduced_(one.at, one.at) -= square;
+    reduced_gradient_(one.at) -= one.scaled_cross.transpose() * one.scaled_gradient;
+  }
+  return sound(root_.compute(reduced_));
+}
+
+Eigen::VectorXd CalibrationEquations::step() const {
+  Eigen::VectorXd out(gradient_.size());
+  const Eigen::VectorXd rest = root_.solve(-reduced_gradient_);
+  out(rest_) = rest;
+  for (const Eliminated& one : eliminated_) {
+    const Eigen::VectorXd scaled = -one.scaled_gradient - one.scaled_cross * rest(one.at);
+    out.segment(one.column, one.size) = one.root.matrixU().solve(scaled);
+  }
+  return out;
+}
+
+Eigen::MatrixXd CalibrationEquations::reducedInverse() const {
+  return root_.solve(Eigen::MatrixXd::Identity(reduced_.rows(), reduced_.cols()));
+}
+
+double CalibrationEquations::inverseTrace(const Eigen::VectorXd& weights) const {
+  const Eigen::MatrixXd reduced = reducedInverse();
+  double trace = reduced.diagonal().dot(weights(rest_));
+  for (const Eliminated& one : eliminated_) {
+    const Eigen::MatrixXd unit = Eigen::MatrixXd::Identity(one.size, one.size);
+    const Eigen::MatrixXd inverse = one.root.matrixU().solve(unit);
+    const Eigen::MatrixXd own_reduced = reduced(one.at, one.at);
+    const Eigen::MatrixXd variance =
+        unit + one.scaled_cross * own_reduced * one.scaled_cross.transpose();
+    trace += (inverse * variance * inverse.transpose())
+                 .diagonal()
+                 .dot(weights.segment(one.column, one.size));
+  }
+  return trace;
+}
+
 CalibrationProblem::CalibrationProblem(const std::vector<ArmCaptures>& arms,
-                                       const CalibrationOptions& options,
-                                       const Selection& selection)
-    : shared_(arms, options, selection),
-      blocks_(arms, options, selection, shared_.model),
-      kind_(kindOf(firstReading(arms))) {
+                                       const CalibrationOptions& options)
+    : shared_(arms, options), blocks_(arms, options, shared_.model), kind_(kindOf(arms)) {
   auto next_state = static_cast<int>(arms.size());
   for (std::size_t a = 0; a < arms.size(); ++a) {
     for (const Capture& capture : arms[a].captures) {
@@ -77,17 +186,15 @@ CalibrationProblem::CalibrationProblem(const std::vector<ArmCaptures>& arms,
       if (capture.payload) places_.back().state = next_state++;
     }
   }
-  if (selection.free_shapes) addShapes();
+  if (options.free_shapes) addShapes();
   for (const ArmCaptures& arm : arms) {
     for (const Capture& capture : arm.captures) {
       costs_.push_back(termsOf(shared_, places_[costs_.size()], capture.reading, blocks_));
     }
   }
-  equations_.emplace(blocks_,
-                     selection.free_shapes ? ParameterBlock::kShape : ParameterBlock::kTag);
-  for (auto* readings : {&here_, &there_}) {
-    *readings = std::make_unique<LinearisedReadings>(shared_, blocks_, kind_, places_, costs_);
-  }
+  equations_.emplace(blocks_, options.free_shapes ? ParameterBlock::kShape : ParameterBlock::kTag);
+  here_.captures.resize(places_.size());
+  there_.captures.resize(places_.size());
 }
 
 void CalibrationProblem::addShapes() {
@@ -106,52 +213,72 @@ void CalibrationProblem::addShapes() {
   }
 }
 
-const LinearisedReadings& CalibrationProblem::readings(const Included& included, bool derivatives) {
-  here_->update(included, derivatives);
-  return *here_;
+void CalibrationProblem::update(Linearisation& at, const Included& included, bool derivatives) {
+  const Eigen::VectorXd& numbers = blocks_.numbers();
+  if (at.numbers.size() != numbers.size() || at.numbers != numbers) {
+    for (LinearisedCapture& one : at.captures) one.known = LinearisedCapture::kNothing;
+    at.numbers = numbers;
+  }
+  const auto wanted = derivatives ? LinearisedCapture::kDerivatives : LinearisedCapture::kResiduals;
+  for (std::size_t c = 0; c < at.captures.size(); ++c) {
+    if (at.captures[c].known >= wanted || !included(static_cast<int>(c))) continue;
+    evaluate(c, derivatives, at.captures[c]);
+    at.captures[c].known = wanted;
+  }
+}
+
+void CalibrationProblem::evaluate(std::size_t capture, bool derivatives, LinearisedCapture& out) {
+  out.state = stateAt(shared_, places_[capture], kind_, blocks_, derivatives);
+  out.terms.resize(costs_[capture].size());
+  for (std::size_t t = 0; t < out.terms.size(); ++t) {
+    LinearisedCapture::Term& term = out.terms[t];
+    const bool found = out.state.shape.found &&
+                       costs_[capture][t]->evaluate(out.state, blocks_, term.residual,
+                                                    derivatives ? &term.J : nullptr, by_pieces_);
+    term.square = found ? term.residual.squaredNorm() : std::numeric_limits<double>::infinity();
+  }
 }
 
 CalibrationEquations& CalibrationProblem::equations(double noise_scale, const Included& included) {
-  assemble({noise_scale, included}, readings(included, true), blocks_.numbers());
+  update(here_, included, true);
+  assemble({noise_scale, included}, here_);
   return *equations_;
 }
 
-double CalibrationProblem::cost(const Task& task, const LinearisedReadings& readings,
-                                const Eigen::VectorXd& numbers) const {
+double CalibrationProblem::cost(const Task& task, const Linearisation& at) const {
   const double inverse2 = 1 / (task.noise_scale * task.noise_scale);
   double sum = 0;
   for (std::size_t c = 0; c < costs_.size(); ++c) {
     if (!task.included(static_cast<int>(c))) continue;
-    const auto& terms = readings.of(c).terms;
+    const auto& terms = at.captures[c].terms;
     for (std::size_t t = 0; t < terms.size(); ++t) {
       sum += costs_[c][t]->loss(inverse2 * terms[t].square);
     }
   }
   for (const ParameterBlocks::Block& block : blocks_.all()) {
     if (!takesPart(block, task.included)) continue;
-    const auto offset = numbers.segment(block.column, block.size()) - block.mean;
+    const auto offset = at.numbers.segment(block.column, block.size()) - block.mean;
     sum += offset.cwiseQuotient(block.deviation).squaredNorm();
     if (task.held == nullptr || block.kind != ParameterBlock::kStiffness) continue;
-    const auto moved = (numbers - start_).segment(block.column, block.size());
+    const auto moved = (at.numbers - start_).segment(block.column, block.size());
     sum += std::pow(task.held->dot(moved) / kHeldDeviation, 2);
   }
   return std::isfinite(sum) ? sum / 2 : std::numeric_limits<double>::quiet_NaN();
 }
 
-void CalibrationProblem::assemble(const Task& task, const LinearisedReadings& readings,
-                                  const Eigen::VectorXd& numbers) {
+void CalibrationProblem::assemble(const Task& task, const Linearisation& at) {
   const double inverse2 = 1 / (task.noise_scale * task.noise_scale);
   equations_->clear();
   for (const ParameterBlocks::Block& block : blocks_.all()) {
     if (!takesPart(block, task.included)) continue;
-    equations_->addPrior(block, numbers.segment(block.column, block.size()) - block.mean);
+    equations_->addPrior(block, at.numbers.segment(block.column, block.size()) - block.mean);
     if (task.held == nullptr || block.kind != ParameterBlock::kStiffness) continue;
-    const Eigen::VectorXd moved = (numbers - start_).segment(block.column, block.size());
+    const Eigen::VectorXd moved = (at.numbers - start_).segment(block.column, block.size());
     equations_->addDirection(block, *task.held, kHeldDeviation, task.held->dot(moved));
   }
   for (std::size_t c = 0; c < costs_.size(); ++c) {
     if (!task.included(static_cast<int>(c))) continue;
-    const auto& terms = readings.of(c).terms;
+    const auto& terms = at.captures[c].terms;
     for (std::size_t t = 0; t < terms.size(); ++t) {
       const double square = inverse2 * terms[t].square;
       if (!std::isfinite(square)) continue;
@@ -164,11 +291,11 @@ void CalibrationProblem::assemble(const Task& task, const LinearisedReadings& re
 Solved CalibrationProblem::solve(double noise_scale, const Included& included,
                                  const Eigen::VectorXd* held, double tolerance) {
   const Task task{noise_scale, included, held};
-  Eigen::VectorXd now = start_ = blocks_.numbers();
-  here_->update(task.included, true);
-  Solved out{false, cost(task, *here_, now)};
+  start_ = blocks_.numbers();
+  update(here_, task.included, true);
+  Solved out{false, cost(task, here_)};
   if (std::isnan(out.cost)) return out;
-  assemble(task, *here_, now);
+  assemble(task, here_);
   out.converged = isFlat(*equations_);
   const Eigen::ArrayXd unit2 = (1 + equations_->hessian().diagonal().array().sqrt()).square();
   TrustRegion radius;
@@ -194,39 +321,38 @@ Solved CalibrationProblem::solve(double noise_scale, const Included& included,
       out.converged = true;
       break;
     }
-    const Eigen::VectorXd next = now + step;
-    blocks_.setNumbers(next);
+    blocks_.setNumbers(here_.numbers + step);
     const bool derivatives = expected > kLastStep * out.cost;
-    there_->update(task.included, derivatives);
-    const double cost_there = cost(task, *there_, next);
+    update(there_, task.included, derivatives);
+    const double cost_there = cost(task, there_);
     const double decrease = out.cost - cost_there;
-    const bool at_end = step.norm() <= kParameterTolerance * (now.norm() + kParameterTolerance) ||
+    const double size = here_.numbers.norm();
+    const bool at_end = step.norm() <= kParameterTolerance * (size + kParameterTolerance) ||
                         std::abs(decrease) <= tolerance * out.cost;
     // Without derivatives there, the end is here, where they are known.
     const bool better = decrease > kLeastDecrease * expected && (derivatives || !at_end);
     if (!better) {
-      blocks_.setNumbers(now);
+      blocks_.setNumbers(here_.numbers);
       radius.reject();
       out.converged = at_end || radius.value() < kLeastRadius;
       continue;
     }
     radius.accept(decrease / expected);
-    now = next;
     out.cost = cost_there;
-    there_->update(task.included, true);
+    update(there_, task.included, true);
     std::swap(here_, there_);
     settled = decrease < kSettledStep;
-    if (!at_end) assemble(task, *here_, now);
+    if (!at_end) assemble(task, here_);
     out.converged = at_end || isFlat(*equations_);
   }
   return out;
 }
 
 std::vector<Comparison> CalibrationProblem::compare(double noise_scale, bool errors) {
-  const LinearisedReadings& readings = this->readings(everyCapture, false);
+  update(here_, everyCapture, false);
   std::vector<Comparison> out;
   for (std::size_t c = 0; c < costs_.size(); ++c) {
-    const LinearisedCapture& seen = readings.of(c);
+    const LinearisedCapture& seen = here_.captures[c];
     for (std::size_t t = 0; t < seen.terms.size(); ++t) {
       const ReadingCost& cost = *costs_[c][t];
       const double square = seen.terms[t].square;
@@ -268,22 +394,20 @@ Eigen::VectorXd CalibrationProblem::priorInformation() const {
 }
 
 std::optional<double> CalibrationProblem::K_eps() const {
-  if (selection().fit.count(FitParameter::kEps) == 0) return std::nullopt;
-  return elasticity().K_eps;
+  return options().fits(FitParameter::kEps) ? std::optional(elasticity().K_eps) : std::nullopt;
 }
 
 Eigen::VectorXd CalibrationProblem::lengthScale() const {
-  const Shared& shared = shared_;
-  Eigen::VectorXd out(shared.arms.front().arm.actuatorCount());
+  Eigen::VectorXd out(arms().front().arm.actuatorCount());
   for (int i = 0; i < out.size(); ++i) {
-    out[i] = shared.scaleOf(blocks_.of(ParameterBlock::kLengthScale), i);
+    out[i] = shared_.scaleOf(blocks_.of(ParameterBlock::kLengthScale), i);
   }
   return out;
 }
 
 std::optional<ContractionSpline> CalibrationProblem::spline() const {
-  if (!selection().has(ParameterBlock::kCurve)) return std::nullopt;
-  ContractionSpline spline = shared_.arms.front().free_curve->spline;
+  if (!isFree(options(), ParameterBlock::kCurve)) return std::nullopt;
+  ContractionSpline spline = arms().front().free_curve->spline;
   spline.lengths += spline.root * blocks_.of(ParameterBlock::kCurve);
   return spline;
 }

@@ -159,7 +159,7 @@ std::vector<Eigen::VectorXd> singlesAndPairs(const model::Arm& arm) {
 Statistics statisticsOf(CalibrationProblem& problem, double noise_scale) {
   CalibrationEquations& equations = problem.equations(noise_scale);
   const auto count = static_cast<Eigen::Index>(problem.parameters().size());
-  if (problem.selection().free_shapes) {
+  if (problem.options().free_shapes) {
     equations.factor(Eigen::VectorXd::Zero(problem.priorInformation().size()));
     return {equations.reduced(), equations.reducedInverse()};
   }
@@ -179,7 +179,7 @@ NoisySolution solveWithNoise(CalibrationProblem& problem, double bias, bool roug
   estimate.noise_scale = std::max(1.0, basics::medianOf(std::move(errors)));
   // Near its free lengths, a muscle leaves errors that are no noise of the captures, and that would
   // hide themselves by giving the captures less weight.
-  const bool has_curve = problem.selection().has(ParameterBlock::kCurve);
+  const bool has_curve = isFree(problem.options(), ParameterBlock::kCurve);
   if (has_curve) problem.loosenCurve(kLooseCurve);
   // The noise that follows from a solution is known long before the solution is exact, so only the
   // rounds at the final noise are solved to the end.
@@ -238,8 +238,8 @@ Gains gainsOf(const CalibrationFit& fit, const Groups& groups) {
   return gains;
 }
 
-std::vector<Eigen::VectorXd> nextPressures(const CalibrationFit& fit, const model::Arm& arm,
-                                           int count) {
+std::vector<Eigen::VectorXd> nextPressures(const CalibrationFit& fit) {
+  const model::Arm& arm = fit.problem->arms().front().arm;
   const std::vector<int> columns = shapeColumns(fit.problem->parameters());
   const std::vector<Eigen::VectorXd> candidates =
       arm.actuatorCount() <= kMostCombined ? combinations(arm) : singlesAndPairs(arm);
@@ -250,7 +250,7 @@ std::vector<Eigen::VectorXd> nextPressures(const CalibrationFit& fit, const mode
   Eigen::MatrixXd information = fit.information;
   std::vector<bool> taken(candidates.size(), false);
   std::vector<Eigen::VectorXd> out;
-  while (static_cast<int>(out.size()) < count) {
+  while (static_cast<int>(out.size()) < fit.problem->options().next_pressures) {
     double least = std::numeric_limits<double>::infinity();
     std::size_t best = candidates.size();
     for (std::size_t i = 0; i < candidates.size(); ++i) {

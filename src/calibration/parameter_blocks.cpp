@@ -22,62 +22,53 @@ std::vector<std::string> namesOf(const FitParameterInfo& info, const model::Arm*
 
 }  // namespace
 
-bool Selection::has(ParameterBlock block) const {
-  if (block == ParameterBlock::kShape) return free_shapes;
-  if (block == ParameterBlock::kCurve) return fit.count(FitParameter::kContraction) > 0;
-  return std::any_of(fit.begin(), fit.end(),
-                     [block](FitParameter one) { return infoOf(one).block == block; });
+bool isFree(const CalibrationOptions& options, ParameterBlock block) {
+  if (block == ParameterBlock::kShape) return options.free_shapes;
+  return std::any_of(options.fit.begin(), options.fit.end(), [&](FitParameter one) {
+    const FitParameterInfo& info = infoOf(one);
+    const bool is_its = info.block == block ||
+                        (block == ParameterBlock::kCurve && one == FitParameter::kContraction);
+    return is_its && (info.aboutRig() || !options.free_shapes);
+  });
 }
 
-bool Selection::hasOtherThanStiffness() const { return fit.size() > stiffness().size(); }
-
-std::vector<FitParameter> Selection::stiffness() const {
+std::vector<FitParameter> freeStiffness(const CalibrationOptions& options) {
   std::vector<FitParameter> out;
-  std::copy_if(fit.begin(), fit.end(), std::back_inserter(out),
-               [](FitParameter one) { return infoOf(one).isStiffness(); });
+  std::copy_if(options.fit.begin(), options.fit.end(), std::back_inserter(out),
+               [&](auto one) { return infoOf(one).isStiffness() && !options.free_shapes; });
   return out;
 }
 
-Selection selectionOf(const CalibrationOptions& options) {
-  Selection selection{{}, options.free_shapes};
-  for (const FitParameter one : options.fit) {
-    const bool of_rig = infoOf(one).aboutRig();
-    if (of_rig || !options.free_shapes) selection.fit.insert(one);
-  }
-  return selection;
-}
-
-int lengthScales(const Selection& selection, const model::Arm& arm) {
-  if (selection.fit.count(FitParameter::kLengthScaleEach) > 0) return arm.actuatorCount();
-  return selection.has(ParameterBlock::kLengthScale) ? 1 : 0;
+int lengthScales(const CalibrationOptions& options, const model::Arm& arm) {
+  if (!isFree(options, ParameterBlock::kLengthScale)) return 0;
+  return options.fits(FitParameter::kLengthScaleEach) ? arm.actuatorCount() : 1;
 }
 
 ParameterBlocks::ParameterBlocks(const std::vector<ArmCaptures>& arms,
-                                 const CalibrationOptions& options, const Selection& selection,
-                                 const ShapeModel& model) {
+                                 const CalibrationOptions& options, const ShapeModel& model) {
   const ArmCaptures& first = arms.front();
   const std::vector<TagPlacement>& tags = first.layout.tags;
-  if (selection.has(ParameterBlock::kStiffness)) addStiffness(options, selection, model);
-  if (selection.has(ParameterBlock::kLengthScale)) {
+  if (isFree(options, ParameterBlock::kStiffness)) addStiffness(options, model);
+  if (isFree(options, ParameterBlock::kLengthScale)) {
     const FitParameterInfo& info = infoOf(FitParameter::kLengthScale);
-    const bool each = lengthScales(selection, first.arm) > 1;
+    const bool each = lengthScales(options, first.arm) > 1;
     addNumbers(info, options, 0, namesOf(info, each ? &first.arm : nullptr));
   }
   for (const FitParameterInfo& info : fitParameters()) {
     if (!info.hasOwnBlock() || info.block == ParameterBlock::kTag) continue;
-    if (!selection.has(*info.block)) continue;
+    if (!isFree(options, *info.block)) continue;
     addNumbers(info, options, 0, namesOf(info, info.eachActuator() ? &first.arm : nullptr));
   }
   // Tags come last, with one block each, except the one that fixes the frame of all the others.
   const FitParameterInfo& tag = infoOf(FitParameter::kTags);
   const int base_tag = first.layout.baseTag();
-  for (int i = 0; selection.has(*tag.block) && i < static_cast<int>(tags.size()); ++i) {
+  for (int i = 0; isFree(options, *tag.block) && i < static_cast<int>(tags.size()); ++i) {
     if (i == base_tag) continue;
     addNumbers(tag, options, i,
                {tag.name + ("_" + std::to_string(tags[static_cast<std::size_t>(i)].id))});
   }
   // Last, so that the reported parameters come first.
-  if (selection.has(ParameterBlock::kCurve)) addCurve(first.free_curve.value());
+  if (isFree(options, ParameterBlock::kCurve)) addCurve(first.free_curve.value());
 }
 
 void ParameterBlocks::addCurve(const FreeCurve& curve) {
@@ -110,11 +101,10 @@ void ParameterBlocks::add(ParameterBlock kind, int of, const Eigen::VectorXd& me
   numbers_.tail(mean.size()) = mean;
 }
 
-void ParameterBlocks::addStiffness(const CalibrationOptions& options, const Selection& selection,
-                                   const ShapeModel& model) {
+void ParameterBlocks::addStiffness(const CalibrationOptions& options, const ShapeModel& model) {
   Elasticity initial = model.initial();
   std::vector<ParameterInfo> infos;
-  for (const FitParameter entry : selection.stiffness()) {
+  for (const FitParameter entry : freeStiffness(options)) {
     const FitParameterInfo& info = infoOf(entry);
     const FitNumber& number = info.numbers.front();
     infos.push_back({info.name, number.unit, number.prior(options), true, model.referenceOf(entry),

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <set>
 #include <string>
 #include <vector>
 
@@ -11,21 +10,12 @@
 /// The free parameters of a calibration, as blocks of its least-squares problem.
 namespace helix_arm::estimation {
 
-/// Which parameters are free.
-struct Selection {
-  std::set<FitParameter> fit;  ///< see CalibrationOptions::fit
-  bool free_shapes = false;
-
-  bool has(ParameterBlock block) const;
-  bool hasOtherThanStiffness() const;
-  std::vector<FitParameter> stiffness() const;  ///< entries of the stiffness among them
-};
-
-/// All requested parameters; with free shapes, only those of the rig.
-Selection selectionOf(const CalibrationOptions& options);
-
+/// Whether a block is free by these options: with free shapes, only those of shapes and rig.
+bool isFree(const CalibrationOptions& options, ParameterBlock block);
+/// Entries of the stiffness that are free.
+std::vector<FitParameter> freeStiffness(const CalibrationOptions& options);
 /// Number of length scales.
-int lengthScales(const Selection& selection, const model::Arm& arm);
+int lengthScales(const CalibrationOptions& options, const model::Arm& arm);
 
 /// Properties of a parameter, for reports and for its verdict.
 struct ParameterInfo {
@@ -56,9 +46,9 @@ class ParameterBlocks {
   /// Creates all blocks except those of shapes, at their initial values.
   ///
   /// @param arms  at least one.
-  /// @param model  model of these arms and the selected stiffness.
+  /// @param model  model of these arms and the free stiffness.
   ParameterBlocks(const std::vector<ArmCaptures>& arms, const CalibrationOptions& options,
-                  const Selection& selection, const ShapeModel& model);
+                  const ShapeModel& model);
 
   /// Multiplies the deviation of the curve's prior.
   void loosenCurve(double factor);
@@ -95,8 +85,7 @@ class ParameterBlocks {
   void add(ParameterBlock kind, int of, const Eigen::VectorXd& mean,
            const Eigen::VectorXd& deviation);
   void add(ParameterBlock kind, int of, const std::vector<ParameterInfo>& infos);
-  void addStiffness(const CalibrationOptions& options, const Selection& selection,
-                    const ShapeModel& model);
+  void addStiffness(const CalibrationOptions& options, const ShapeModel& model);
   void addCurve(const FreeCurve& curve);
   void addNumbers(const FitParameterInfo& info, const CalibrationOptions& options, int of,
                   const std::vector<std::string>& names);

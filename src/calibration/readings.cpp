@@ -226,7 +226,7 @@ Place placeAt(const Shared& shared, int arm, int capture, const Eigen::VectorXd&
   for (int i = 0; i < pressure.size(); ++i) {
     place.rest[i] = data.arm.actuator(i).contraction.restLength();
   }
-  if (!shared.selection.has(ParameterBlock::kCurve)) return place;
+  if (!isFree(shared.options, ParameterBlock::kCurve)) return place;
   place.by_curve.setZero(pressure.size(), shared.arms.front().free_curve->spline.lengths.size());
   place.rest_by_curve = place.by_curve;
   for (int i = 0; data.free_curve && i < pressure.size(); ++i) {
@@ -244,7 +244,7 @@ Place placeAt(const Shared& shared, int arm, int capture, const Eigen::VectorXd&
 
 LinearisedShape shapeAt(Shared& shared, const Place& place, const ParameterBlocks& values,
                         bool derivatives) {
-  if (shared.selection.free_shapes) {
+  if (shared.options.free_shapes) {
     model::Twists twists = model::Twists::Zero(6, shared.arms[place.arm].arm.sectionCount());
     twists.reshaped()(place.entries) = values.of(ParameterBlock::kShape, place.capture);
     LinearisedShape shape;
@@ -252,7 +252,7 @@ LinearisedShape shapeAt(Shared& shared, const Place& place, const ParameterBlock
     return shape;
   }
   // Strokes first, then length scales, as in Contraction::scaledBy().
-  const bool has_strokes = shared.selection.has(ParameterBlock::kStrokeScale);
+  const bool has_strokes = isFree(shared.options, ParameterBlock::kStrokeScale);
   const auto curve = values.of(ParameterBlock::kCurve);
   const auto scales = values.of(ParameterBlock::kLengthScale);
   Eigen::VectorXd unscaled = place.lengthsAt(curve), stroke, change;
@@ -298,7 +298,7 @@ ReadingCost::ReadingCost(const Shared& shared, const Place& place, int residuals
     const bool of_rig = kind == ParameterBlock::kBase || kind == ParameterBlock::kBorderShift ||
                         kind == ParameterBlock::kTag;
     first_[static_cast<std::size_t>(i)] = -1;
-    if (!shared.selection.has(kind) || (of_rig && rig.count(kind) == 0)) continue;
+    if (!isFree(shared.options, kind) || (of_rig && rig.count(kind) == 0)) continue;
     const int of = kind == ParameterBlock::kTag     ? tag
                    : kind == ParameterBlock::kShape ? place.capture
                                                     : 0;
@@ -372,7 +372,7 @@ CaptureState stateAt(Shared& shared, const Place& place, ReadingKind kind,
     if (j + 1 < pieces) X_B0j = shape.beyond(X_B0j, j);
   }
   if (!derivatives) return state;
-  if (shared.selection.has(ParameterBlock::kBase)) state.base.emplace_back(lie::SE3(), base, 1.0);
+  if (isFree(shared.options, ParameterBlock::kBase)) state.base.emplace_back(lie::SE3(), base, 1.0);
   for (int j = 0; j + 1 < pieces; ++j) {
     state.whole.emplace_back(state.starts[j], shape.pieces().col(j), 1.0);
   }

@@ -20,8 +20,7 @@ namespace helix_arm::estimation {
 // Data that all costs share.
 struct Shared {
   const std::vector<ArmCaptures>& arms;
-  const CalibrationOptions& options;
-  Selection selection;
+  const CalibrationOptions options;
   const std::vector<ArmCaptures> states;  // see statesOf()
   ShapeModel model;
   // (captures) shapes of the model before the search, for free shapes: the deviations of a
@@ -30,20 +29,18 @@ struct Shared {
   TwistFitOptions expected;  // noise of tags
   int held_tag;              // index of the tag that defines the reference frame
 
-  Shared(const std::vector<ArmCaptures>& all, const CalibrationOptions& wanted,
-         const Selection& chosen)
+  Shared(const std::vector<ArmCaptures>& all, const CalibrationOptions& wanted)
       : arms(all),
         options(wanted),
-        selection(chosen),
         states(statesOf(all)),
-        model(states, chosen.stiffness()),
+        model(states, freeStiffness(wanted)),
         held_tag(all.front().layout.baseTag()) {
     expected.corner_noise = options.corner_noise;
     expected.position_noise = options.position_noise;
     expected.rotation_noise = options.rotation_noise;
   }
 
-  int scales() const { return lengthScales(selection, arms.front().arm); }
+  int scales() const { return lengthScales(options, arms.front().arm); }
   double scaleOf(const Eigen::VectorXd& logs, int actuator) const {
     if (logs.size() == 0) return 1;
     return std::exp(logs[logs.size() == 1 ? 0 : actuator]);

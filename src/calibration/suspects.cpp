@@ -80,7 +80,7 @@ double clampPressures(std::vector<ArmCaptures>& arms) {
 
 // Some captures of corners of each arm, evenly spaced; all others.
 std::vector<ArmCaptures> fewOf(std::vector<ArmCaptures> arms) {
-  if (kindOf(firstReading(arms)) != ReadingKind::kCorners) return arms;
+  if (kindOf(arms) != ReadingKind::kCorners) return arms;
   for (ArmCaptures& arm : arms) {
     const std::size_t count = arm.captures.size();
     const std::size_t few =
@@ -166,7 +166,7 @@ class Diagnosis {
 
   std::vector<FaultHypothesis> hypotheses() const {
     const ArmCaptures& arm = read_.front();
-    std::vector<FaultHypothesis> out = rigHypotheses(arm, asked_, kindOf(firstReading(read_)));
+    std::vector<FaultHypothesis> out = rigHypotheses(arm, asked_, kindOf(read_));
     // Shapes that are free follow any pressures.
     if (asked_.free_shapes) return out;
     const std::vector<FaultHypothesis> pressures = pressureHypotheses(arm.arm);
@@ -193,10 +193,8 @@ class Diagnosis {
     if (stopped()) return std::nullopt;
     if (clampPressures(input.arms) > kBeyondLimit && !clamp) return std::nullopt;
     const std::vector<ArmCaptures>& read = input.arms;
-    if (unsound(read)) return std::nullopt;
-    const ReadingKind kind = kindOf(firstReading(read));
-    if (unfit(read, input.options, kind)) return std::nullopt;
-    const bool one_rig = read.size() == 1 && isMet(FitNeed::kTags, kind);
+    if (unsound(read) || unfit(read, input.options)) return std::nullopt;
+    const bool one_rig = read.size() == 1 && isMet(FitNeed::kTags, kindOf(read));
     if (effort == Effort::kFull && one_rig && !input.options.fits(FitParameter::kBase)) {
       CalibrationOptions near = input.options;
       near.fit.insert(FitParameter::kBase);
@@ -212,11 +210,11 @@ class Diagnosis {
   static std::optional<Quality> fit(const std::vector<ArmCaptures>& read,
                                     CalibrationOptions options, Effort effort) {
     options.max_iterations = std::min(options.max_iterations, kMostIterations);
-    CalibrationProblem problem(read, options, selectionOf(options));
+    CalibrationProblem problem(read, options);
     solveWithNoise(problem, 0, effort == Effort::kRough);
     Quality out = qualityOf(problem);
     if (!std::isfinite(out.square)) return std::nullopt;
-    if (effort == Effort::kFull) out.usual = std::pow(usualScale(read, options, problem), 2);
+    if (effort == Effort::kFull) out.usual = std::pow(usualScale(problem), 2);
     return out;
   }
 

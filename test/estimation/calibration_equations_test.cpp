@@ -30,7 +30,7 @@ TEST(CalibrationEquations, EliminationGivesWhatTheWholeMatrixDoes) {
     CalibrationOptions options;
     options.fit.insert({FitParameter::kBase, FitParameter::kTags});
     options.free_shapes = free_shapes;
-    CalibrationProblem problem(data, options, selectionOf(options));
+    CalibrationProblem problem(data, options);
     CalibrationEquations& equations = problem.equations(1.0);
     const Eigen::MatrixXd H = equations.hessian();
     const Eigen::VectorXd damping = 1e-3 * H.diagonal();
@@ -53,7 +53,6 @@ TEST(CalibrationEquations, EliminationGivesWhatTheWholeMatrixDoes) {
 struct Bench {
   std::vector<ArmCaptures> data;
   CalibrationOptions options;
-  Selection selection;
 
   explicit Bench(double prior) {
     const model::Arm arm = test::ringArm(test::straightRing());
@@ -65,13 +64,13 @@ struct Bench {
                        TwistReading{arm.twists(pressure), 1e-6 * lie::Matrix6::Identity()});
     }
     options.stiffness_prior = prior;
-    selection.fit = {FitParameter::kKappa};
+    options.fit = {FitParameter::kKappa};
   }
 };
 
 TEST(CalibrationStatistics, TheCovarianceIsThePriorWhereReadingsTellNothing) {
   Bench bench(0.5);
-  CalibrationProblem problem(bench.data, bench.options, bench.selection);
+  CalibrationProblem problem(bench.data, bench.options);
   const Statistics found = statisticsOf(problem, 1.0);
   EXPECT_NEAR(found.covariance(0, 0), 0.25, 1e-6);
 }
