@@ -207,6 +207,19 @@ void payload(::benchmark::State& state) {
 }
 BENCHMARK(payload)->Unit(::benchmark::kMillisecond);
 
+// Pushes from the tip towards the base, under which the arm buckles.
+void payloadAtBuckling(::benchmark::State& state) {
+  PayloadSolver solver(horizontalArm());
+  std::size_t i = 0, buckled = 0;
+  for (auto _ : state) {
+    const Case& one = cases()[i++ % kCases];
+    solver.moveTo(one.tip);
+    buckled += solver.along(-one.tip).end == PayloadEnd::kUnstable;
+  }
+  state.counters["buckled_percent"] = 100.0 * buckled / i;
+}
+BENCHMARK(payloadAtBuckling)->Unit(::benchmark::kMillisecond);
+
 void payloadOfPeer(::benchmark::State& state) {
   const double tolerance = PayloadSolver(horizontalArm()).positionTolerance();
   std::size_t i = 0;

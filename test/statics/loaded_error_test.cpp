@@ -261,7 +261,7 @@ TEST(LoadedError, AnotherStableShapeIsNotConverged) {
     }
     if (order < 5) {
       EXPECT_FALSE(found.converged()) << order;
-      EXPECT_NEAR(found.residual, 0.29, 0.01) << order;
+      EXPECT_NEAR(found.residual, 0.29, 0.02) << order;
     }
   }
 }

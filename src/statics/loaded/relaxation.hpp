@@ -287,7 +287,7 @@ class LoadedArmOf<Group>::Relaxation {
   void compareWith(const TipOf<Group>& finer, double stated) {
     const double off = (finer.tip.translation - tip_.translation).norm() / arm_.size_;
     const bool resolved = turn() <= kFinestTurn;
-    load_steps_ = finer.load_steps;
+    load_steps_ += finer.load_steps;
     if (finer.converged() && resolved && off <= kAgreement * stated) return;
     status_ = SolveStatus::kNotConverged;
     residual_ = std::max(residual_, off);

@@ -23,7 +23,7 @@ constexpr TierSetting kSetting{Tier::kLoaded, 5};
 constexpr double kAccuracy = 1e-3;    // of the force
 constexpr double kGrowth = 2.0;       // of the force, as long as it is held
 constexpr double kMostStrain = 10.0;  // of all actuators, at which the search ends
-constexpr int kDescent = 40;          // iterations per force and start
+constexpr int kDescent = 8;           // iterations per force and start
 constexpr int kOtherStarts = 10;      // two of equal inputs, the others drawn within the limits
 constexpr double kBeyond = 1.01;      // the force that other starts have to hold to be taken
 constexpr double kLeastForce = 1e-9;  // of the largest, below which none counts as held
@@ -125,13 +125,14 @@ class PayloadSolver::Search {
     out.limits.assign(static_cast<std::size_t>(out.input.size()), Limit::kNone);
     out.stiffness = std::numeric_limits<double>::quiet_NaN();
     if (!isThere()) return out;
-    held_ = arm().lengths(found_.input);
+    held_ = {0.0, arm().lengths(found_.input)};
+    earlier_ = held_;
     Bracket found = grown({0.0, tolerance_ * stiffnessAt(base_, found_.input)});
     while (std::isfinite(found.beyond) && holdsElsewhere(kBeyond * found.held)) {
       found = grown({kBeyond * found.held, kGrowth * found.held});
     }
     out.force = found.held;
-    box_.readInputs(held_, out.input);
+    box_.readInputs(held_.lengths, out.input);
     nameEnd(found.beyond, out);
     out.stiffness = stiffnessAt(pushed(found.held), out.input);
     return out;
@@ -141,6 +142,11 @@ class PayloadSolver::Search {
   double tolerance() const { return tolerance_; }
 
  private:
+  // Lengths (n) that hold a force [m].
+  struct Held {
+    double force = 0.0;
+    Eigen::VectorXd lengths;
+  };
   // A force that is held, and a larger one that is not; infinite if there is none.
   struct Bracket {
     double held, beyond;
@@ -168,34 +174,45 @@ class PayloadSolver::Search {
     Push(model, box_, tip_, tolerance_).descend(point);
     return point;
   }
-  // Whether a force is held from lengths (n), which the answer replaces.
+  // Whether a force is held from lengths (n); the answer becomes held_.
   bool holdsFrom(const Eigen::VectorXd& lengths, double force) {
     const ArmModel model = pushed(force);
     const Tip here = model.tipOfLengths(lengths);
     if (!here.converged()) return false;
-    if ((here.tip.translation - tip_).norm() <= tolerance_) {
-      held_ = lengths;
-      return true;
-    }
+    if ((here.tip.translation - tip_).norm() <= tolerance_) return keep(lengths, force);
     const InversePoint point = nearest(model, lengths);
-    if (!(point.cost <= tolerance_ * tolerance_)) return false;
-    held_ = point.lengths;
+    return point.cost <= tolerance_ * tolerance_ && keep(point.lengths, force);
+  }
+  bool keep(const Eigen::VectorXd& lengths, double force) {
+    if (force > held_.force) earlier_ = held_;
+    held_ = {force, lengths};
     return true;
   }
+  // Goes on from the last two answers: a tip that stays has nearly the same shape, and the lengths
+  // that balance a force on one shape change in proportion to it.
+  bool holds(double force) {
+    const double between = held_.force - earlier_.force;
+    const double ratio = between > 0 ? (force - held_.force) / between : 0.0;
+    const Eigen::VectorXd onwards = held_.lengths + ratio * (held_.lengths - earlier_.lengths);
+    return holdsFrom(onwards.cwiseMax(box_.lower()).cwiseMin(box_.upper()), force);
+  }
   bool holdsElsewhere(double force) {
-    return std::any_of(starts_.begin(), starts_.end(),
-                       [&](const Eigen::VectorXd& lengths) { return holdsFrom(lengths, force); });
+    return std::any_of(starts_.begin(), starts_.end(), [&](const Eigen::VectorXd& lengths) {
+      if (!holdsFrom(lengths, force)) return false;
+      earlier_ = held_;
+      return true;
+    });
   }
 
   Bracket grown(Bracket found) {
-    while (holdsFrom(held_, found.beyond)) {
+    while (holds(found.beyond)) {
       found = {found.beyond, kGrowth * found.beyond};
       if (found.beyond > most_force_) return {found.held, std::numeric_limits<double>::infinity()};
     }
     while (found.beyond - found.held > kAccuracy * found.beyond &&
            found.beyond > kLeastForce * most_force_) {
       const double force = 0.5 * (found.held + found.beyond);
-      (holdsFrom(held_, force) ? found.held : found.beyond) = force;
+      (holds(force) ? found.held : found.beyond) = force;
     }
     return found;
   }
@@ -208,7 +225,7 @@ class PayloadSolver::Search {
   void nameEnd(double beyond, Payload& out) const {
     out.end = PayloadEnd::kNone;
     if (!std::isfinite(beyond)) return;
-    const InversePoint point = nearest(pushed(beyond), held_);
+    const InversePoint point = nearest(pushed(beyond), held_.lengths);
     out.end = point.residual[0] < kNoBalance ? PayloadEnd::kUnactuated : PayloadEnd::kUnstable;
     const Eigen::VectorXd residual = point.residual.head<3>();
     for (int i = 0; i < point.lengths.size() && out.end != PayloadEnd::kUnstable; ++i) {
@@ -227,8 +244,8 @@ class PayloadSolver::Search {
   double most_force_ = 0.0;              // [N]
   std::vector<Eigen::VectorXd> starts_;  // lengths (n) of other starts
   Eigen::Vector3d tip_ = Eigen::Vector3d::Zero(), direction_ = Eigen::Vector3d::UnitX();
-  InverseResult found_;   // without the force
-  Eigen::VectorXd held_;  // lengths (n) of the last answer [m]
+  InverseResult found_;  // without the force
+  Held held_, earlier_;  // the last answer, and the one before
 };
 
 PayloadSolver::PayloadSolver(const ArmModel& model, const PayloadOptions& options)
