@@ -52,35 +52,6 @@ std::string freeLengths() {
   return rows.str();
 }
 
-// A series of an arm of two muscles that lag by 0.5 s where the pressure rises and by 1 s where it
-// falls.
-std::string tipSeries(unsigned seed) {
-  Random random(seed);
-  model::Response truth;
-  truth.rise_time = 0.5;
-  truth.fall_time = 1.0;
-  model::ResponseState muscles[2]{model::ResponseState(truth), model::ResponseState(truth)};
-  std::ostringstream rows;
-  rows.precision(12);
-  rows << "time_s,pressure_1_kpa,pressure_2_kpa,x_m,y_m,z_m\n";
-  double kpa[2]{0, 0}, level[2]{0, 0};
-  for (int row = 0; row < 600; ++row) {
-    for (int i = 0; i < 2; ++i) {
-      if (row % 40 == 20 * i) level[i] = random.uniform(0, 300);
-      kpa[i] += 0.4 * (level[i] - kpa[i]);
-      muscles[i].step(1e3 * kpa[i], row == 0 ? 0 : 0.1);
-    }
-    const double a = muscles[0].effective() / 3e5, b = muscles[1].effective() / 3e5;
-    rows << 0.1 * row << "," << kpa[0] << "," << kpa[1];
-    for (const double p :
-         {0.4 - 0.03 * (a - b) * (a - b), 0.1 * (a - b) + 0.01 * a * b, 0.02 * a}) {
-      rows << "," << p + kNoise * random.normal();
-    }
-    rows << "\n";
-  }
-  return rows.str();
-}
-
 Outcome calibrate(const std::string& scene, const std::vector<std::string>& data,
                   const std::vector<std::string>& more) {
   std::vector<std::string> arguments{"calibrate", scene, "--format", "json"};
@@ -116,23 +87,6 @@ TEST(CalibrateResponse, FreeLengthsUpAndDownGiveCurveAndPlay) {
   EXPECT_LT(branch.json()["contractions"][0]["rms_m"], response["static_rms_m"]);
   EXPECT_NE(contentOf(out).find("play_kpa"), std::string::npos) << contentOf(out);
   EXPECT_EQ(runCommand({"check", out}).exit_code, 0);
-}
-
-TEST(CalibrateResponse, ASeriesOfTheTipGivesTheLagToEveryCurve) {
-  const TemporaryFolder folder;
-  const TemporaryFile data(tipSeries(1));
-  const std::string out = folder / "calibrated.yaml";
-  const Outcome outcome =
-      calibrate(scenePath("planar_76"), {data.path()}, {"--fit", "response", "--out", out});
-  ASSERT_EQ(outcome.exit_code, 0) << outcome.err << outcome.out;
-  const json result = outcome.json();
-  EXPECT_EQ(result["response"]["lag"]["verdict"], "found");
-  EXPECT_EQ(result["response"]["play"]["verdict"], "none");
-  expectWithin(result["response"]["rise_time_constant_s"], 0.5, 0.05);
-  expectWithin(result["response"]["fall_time_constant_s"], 1.0, 0.1);
-  EXPECT_EQ(result["parameters"]["rise_time_constant"]["unit"], "s");
-  EXPECT_NE(contentOf(out).find("rise_time_constant_s: 0."), std::string::npos) << contentOf(out);
-  EXPECT_EQ(runCommand({"forward", out, "--pressure-kpa", "100,0"}).exit_code, 0);
 }
 
 // A release of an arm without pressures, of any name, that swings at 2 Hz.

@@ -1,5 +1,4 @@
 // `helix_arm camera` on rendered pictures whose truth is known.
-#include <algorithm>
 #include <filesystem>
 #include <memory>
 
@@ -93,28 +92,6 @@ TEST(CameraCalibrate, GivesTheCameraThatTookThePictures) {
   EXPECT_EQ(matrixOf(info, "distortion_coefficients").size(), 5u);
 }
 
-TEST(CameraCalibrate, ACharucoBoardOfALabIsReadAsTheOptionsSay) {
-  // An even number of rows, drawn by OpenCV before 4.6.
-  const std::vector<std::string> options{
-      "--board", "charuco",         "--squares", "8,6",          "--square-size-m",
-      "0.03",    "--marker-size-m", "0.022",     "--dictionary", "DICT_5X5_100"};
-  std::vector<std::string> drawn = options, call{"camera", "calibrate", "--format", "json"};
-  drawn.emplace_back("--legacy-pattern");
-  const BoardPictures lab(drawn, 12);
-  call.insert(call.end(), {"--source", lab.path()});
-  call.insert(call.end(), options.begin(), options.end());
-  const Outcome legacy = runCommand(call, {"--legacy-pattern"}), black = runCommand(call);
-  ASSERT_EQ(legacy.exit_code, 0) << legacy.err << legacy.out;
-  expectFocalLength(legacy.json());
-  EXPECT_EQ(legacy.json()["charuco"], (json{{"dictionary", "DICT_5X5_100"},
-                                            {"columns", 8},
-                                            {"rows", 6},
-                                            {"square_size_m", 0.03},
-                                            {"marker_size_m", 0.022},
-                                            {"legacy_pattern", true}}));
-  EXPECT_EQ(black.exit_code, 1);
-}
-
 TEST(CameraCalibrate, WritesTheIntrinsicsIntoAScene) {
   const std::string out = board() / "scene.yaml";
   const json result = resultOf({"camera", "calibrate", "--source", board().path(), "--scene",
@@ -127,20 +104,6 @@ TEST(CameraCalibrate, WritesTheIntrinsicsIntoAScene) {
   EXPECT_EQ(after.camera->model.distortion[1], parameters["k2"]["value"].get<double>());
   EXPECT_EQ(after.tags->size, 0.03);
   EXPECT_EQ(after.camera->X_WC.translation, before.camera->X_WC.translation);
-}
-
-TEST(CameraCalibrate, TooFewPicturesExitWithOneAndWriteNothing) {
-  const TemporaryFolder folder;
-  const std::string out = folder / "camera.yaml";
-  const Outcome outcome =
-      runCommand({"camera", "calibrate", "--source", board().path() + "/picture_0001.jpg",
-                  board().path() + "/picture_0002.jpg", "--out", out, "--format", "json"});
-  EXPECT_EQ(outcome.exit_code, 1);
-  const json result = outcome.json();
-  EXPECT_FALSE(result["success"]);
-  EXPECT_TRUE(has(result["reason"], "2 of 2 pictures show"));
-  EXPECT_TRUE(result["out"].is_null());
-  EXPECT_FALSE(fs::exists(out));
 }
 
 // The demo rig at rest, seen by a camera that is not where the scene has it.
@@ -251,23 +214,6 @@ class Localize : public testing::Test {
   static std::unique_ptr<TemporaryFolder> folder_;
 };
 std::unique_ptr<TemporaryFolder> Localize::folder_;
-
-TEST_F(Localize, GivesEveryPictureItsTags) {
-  const Outcome outcome =
-      runCommand({"localize", scenePath("demo"), *folder_ / "rig", "--format", "json"});
-  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-  EXPECT_EQ(outcome.err, "");
-  const json frames = outcome.json()["frames"];
-  ASSERT_EQ(frames.size(), static_cast<std::size_t>(kPictures));
-  for (int i = 0; i < kPictures; ++i) {
-    const json& frame = frames[i];
-    EXPECT_EQ(frame["file"], picture(i + 1));
-    EXPECT_EQ(frame["state"], "measured");
-    EXPECT_GE(frame["tags"].size(), 4u);
-    EXPECT_EQ(frame["tags"][0]["corners_px"].size(), 4u);
-    EXPECT_LT(frame["rms_px"].get<double>(), 0.3);
-  }
-}
 
 TEST_F(Localize, OnePictureNamesTheMistakeThatALongListNames) {
   for (const std::size_t count : {1, 70}) {

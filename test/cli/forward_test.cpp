@@ -15,22 +15,6 @@ Outcome forward(const std::string& scene, const std::string& pressure_kpa,
       {"forward", scenePath(scene), "--pressure-kpa", pressure_kpa, "--format", "json"}, more);
 }
 
-TEST(Forward, AnArmThatNothingLoadsIsInClosedForm) {
-  const nlohmann::json spatial = forward("spatial_50", "0,0,0").json();
-  EXPECT_EQ(spatial["tier"], "linear");
-  EXPECT_TRUE(spatial["order"].is_null());
-  EXPECT_TRUE(has(spatial["tier_reason"], "the arm has no load"));
-  EXPECT_EQ(spatial["status"], "converged");
-  EXPECT_TRUE(spatial["failure"].is_null());
-  EXPECT_EQ(spatial["iterations"], 0);
-  EXPECT_EQ(spatial["relative_residual"], 0.0);
-  EXPECT_EQ(spatial["tip_error_percent"], 0.0);
-  for (const char* key : {"pieces", "piece_twist", "curve"}) EXPECT_FALSE(spatial.contains(key));
-  const nlohmann::json helix = spatial["sections"][0]["helix"];
-  EXPECT_TRUE(helix["radius_m"].is_null()) << "it is straight";
-  EXPECT_EQ(helix["turns"], 0.0);
-}
-
 TEST(Forward, ALostRankComesWithItsNullSpace) {
   // Without bending stiffness nothing holds a planar arm against bending out of its plane.
   const nlohmann::json result =
@@ -106,31 +90,6 @@ TEST(Forward, TakesWhatInversePrintsAndTheOtherWayRound) {
 
 Outcome inverse(const std::string& scene, const std::vector<std::string>& target) {
   return runCommand({"inverse", scenePath(scene), "--format", "json"}, target);
-}
-
-TEST(Inverse, ReachesTipsPosesAndTwistsThatForwardGave) {
-  for (const char* scene : {"spatial_50", "helical_50"}) {
-    const nlohmann::json wanted = forward(scene, "100,30,250").json();
-    const std::string tip = commaList(numbersOf(wanted["tip"]["position_m"]));
-    const std::string pose = tip + "," + commaList(numbersOf(wanted["tip"]["quaternion_xyzw"]));
-    for (const std::vector<std::string>& target : std::vector<std::vector<std::string>>{
-             {"--tip", tip},
-             {"--pose", pose},
-             {"--twist", commaList(numbersOf(wanted["twist"][0]))}}) {
-      const Outcome outcome = inverse(scene, target);
-      ASSERT_EQ(outcome.exit_code, 0) << target[0] << outcome.out << outcome.err;
-      const nlohmann::json result = outcome.json();
-      EXPECT_EQ(result["status"], "reached");
-      EXPECT_TRUE(result["reason"].is_null());
-      EXPECT_EQ(result["converged"], true);
-      EXPECT_LE(result["residual"].get<double>(), 1e-6);
-      // Three muscles of these arms fix tip and pose: only one answer.
-      const std::vector<double> pressure = numbersOf(result["pressure_pa"]);
-      EXPECT_NEAR(pressure[0], 100e3, 50);
-      EXPECT_NEAR(pressure[1], 30e3, 50);
-      EXPECT_NEAR(pressure[2], 250e3, 50);
-    }
-  }
 }
 
 TEST(Inverse, AnUnreachableTargetGivesTheClosestAndTheReason) {

@@ -9,7 +9,6 @@
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/regulator/config.hpp"
 #include "io/scene/regulator_profile.hpp"
-#include "support/emulated_regulator.hpp"
 #include "support/temporary_folder.hpp"
 #include "support/test_size.hpp"
 
@@ -69,23 +68,6 @@ TEST_F(New, ArmsOfManyKindsHaveNoFaults) {
     SCOPED_TRACE(kind[0] + " " + kind[1]);
     write(kind);
     expectSound();
-  }
-}
-
-// docs/cli.md says so.
-TEST_F(New, ArmsOfOneToSixSectionsHaveNoFaults) {
-  int number = 0;
-  for (const char* const sections : {"1", "2", "3", "4", "5", "6"}) {
-    for (const char* const muscles : {"3", "4", "6", "8", "24"}) {
-      if (!test::isDrawn(number++, 7)) continue;
-      SCOPED_TRACE(std::string(sections) + " sections of " + muscles);
-      const Outcome outcome = write({"--defaults", "--sections", sections, "--muscles", muscles});
-      const int actuators = std::stoi(sections) * std::stoi(muscles);
-      EXPECT_EQ(io::loadScene(out_).tags.has_value(), 2 * actuators <= 64);
-      EXPECT_EQ(outcome.err.find("no tags fit") != std::string::npos, 2 * actuators > 64)
-          << outcome.err;
-      expectSound({"--samples", "60"});
-    }
   }
 }
 
@@ -200,17 +182,6 @@ TEST(NewOfARecording, TakesActuatorsAndTheirHighestPressure) {
   EXPECT_EQ(refused.exit_code, 2);
 }
 
-TEST(Check, ASoundRigPassesAndTellsWhatIsSeen) {
-  const json result = resultOf({"check", scenePath("demo")});
-  EXPECT_EQ(result["scene"], "demo");
-  EXPECT_TRUE(result["passed"]);
-  EXPECT_EQ(result["sight"]["measured"], 1.0);
-  EXPECT_GT(result["sight"]["median_tags"], 6);
-  EXPECT_GT(result["sight"]["pixels_per_bit"], 3);
-  EXPECT_FALSE(result["probed"]);
-  EXPECT_TRUE(result["supply_pa"].is_null());
-}
-
 TEST(Check, AFaultExitsWithOneInEveryFormat) {
   const auto run = [](const char* format) {
     return runCommand({"check", scenePath("demo"), "--set", "tags.groups.0.rpy_deg=[180,0,0]",
@@ -235,36 +206,6 @@ TEST(Check, ARegulatorThatDoesNotAnswerIsAFaultOnlyWhenAsked) {
   const json finding = foundBy(result, "no_answer");
   EXPECT_TRUE(has(finding["value"], "/tmp/no_such_regulator"));
   EXPECT_TRUE(result["probed"]);
-}
-
-// What a probe says of an emulated device with this fault.
-json probed(Line line, simulation::DeviceFault fault) {
-  EmulatedRegulator device(line);
-  device.setFault(fault);
-  const Outcome outcome = runCommand({"check", device.scene(), "--probe", "--format", "json"});
-  const bool sound = fault == simulation::DeviceFault::kNone;
-  EXPECT_EQ(outcome.exit_code, sound ? 0 : 1) << outcome.out << outcome.err;
-  return outcome.json();
-}
-
-TEST(Check, WhatTheRegulatorAnsweredIsSaid) {
-  for (const Line line : kLines) {
-    const json result = probed(line, simulation::DeviceFault::kNone);
-    const std::string name = result["regulator"];
-    EXPECT_EQ(name.find(kindOf(line).key + std::string(" ") + kindOf(line).profile + " at "), 0u);
-    const json finding = foundBy(result, "answered");
-    EXPECT_EQ(finding["severity"], "note");
-    EXPECT_EQ(finding["culprit"], name);
-    const std::string value = finding["value"];
-    EXPECT_EQ(value.find("it vented and answered, gauge pressures: muscle_1 "), 0u) << value;
-    for (const char* const said : {" kPa, muscle_2 ", " kPa, muscle_3 "}) {
-      EXPECT_TRUE(has(value, said));
-    }
-    ASSERT_EQ(result["pressures_pa"].size(), 3u);
-    for (const json& pressure : result["pressures_pa"]) EXPECT_LT(std::abs(double(pressure)), 2000);
-    EXPECT_FALSE(findingOf(result, "supply_not_measured").is_null());
-    EXPECT_TRUE(result["supply_pa"].is_null());
-  }
 }
 
 }  // namespace

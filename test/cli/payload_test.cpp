@@ -1,5 +1,4 @@
 // helix_arm payload and attain; calibrate and evaluate of a testing machine.
-#include <cmath>
 #include <filesystem>
 
 #include <gtest/gtest.h>
@@ -32,25 +31,6 @@ TEST(PayloadCommand, InverseUnderTheForceReachesThePlace) {
             .json();
     EXPECT_EQ(inverse["position_error_m"] < found["tolerance_m"], part < 1) << part;
   }
-}
-
-TEST(PayloadCommand, TellsTheWeakestAndTheStrongestOfAllDirections) {
-  const json found = resultOf({"payload", "loaded", "--tip", "0.37,0,0.02"});
-  ASSERT_EQ(found["directions"].size(), 26u);
-  for (const json& one : found["directions"]) {
-    EXPECT_LE(found["weakest"]["force_n"], one["force_n"]);
-    EXPECT_GE(found["strongest"]["force_n"], one["force_n"]);
-  }
-  const Outcome csv = runCommand({"payload", "loaded", "--tip", "0.37,0,0.02", "--format", "csv"});
-  EXPECT_EQ(csvColumn(csv.out, "force_n").size(), 26u);
-}
-
-TEST(PayloadCommand, PlaceOutOfReachExitsWithOne) {
-  const json found = resultOf({"payload", "loaded", "--tip", "0.4,0.5,0"}, 1);
-  EXPECT_EQ(found["status"], "unreached");
-  EXPECT_TRUE(found["directions"].empty());
-  EXPECT_TRUE(found["weakest"].is_null());
-  EXPECT_TRUE(has(found["reason"].get<std::string>(), "choose a place within the workspace"));
 }
 
 TEST(PayloadCommand, MapHasARowForEachPlaceAndAPicture) {
@@ -128,17 +108,6 @@ TEST(StandCommand, CalibratedSceneHasTheLawOfTheMachine) {
   // The calibrated arm carries: it knows K_eps now.
   EXPECT_EQ(runCommand({"payload", out, "--tip", "0.07,0,0"}).exit_code, 0);
   EXPECT_EQ(runCommand({"payload", scene.path(), "--tip", "0.07,0,0"}).exit_code, 2);
-}
-
-TEST(StandCommand, ForcesAreNotTakenForFreeLengths) {
-  const TemporaryFile scene(bellowsScene(), ".yaml"), data(standReadings(), ".csv");
-  expectCallerError(runCommand({"calibrate", scene.path(), data.path(), "--fit", "contraction"}),
-                    "give --muscles");
-  expectCallerError(runCommand({"evaluate", scene.path(), data.path()}), "give --muscles");
-  expectCallerError(runCommand({"calibrate", scene.path(), data.path(), "--muscles", "2"}),
-                    "give --fit contraction,K_eps");
-  expectCallerError(runCommand({"evaluate", scene.path(), data.path(), "--muscles", "2"}),
-                    "has no arm.stiffness.K_eps_n");
 }
 
 }  // namespace

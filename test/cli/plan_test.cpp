@@ -54,15 +54,6 @@ TEST(PlanCommand, FindsATableOfPressuresThatIsClear) {
   EXPECT_EQ(again["rows"], found["rows"]);
 }
 
-TEST(PlanCommand, SaysWhatIsInTheWay) {
-  const Outcome ran =
-      runCommand({"plan", "demo", "--from-kpa", "0,0,0", "--to-kpa", kTouches, "--format", "json"},
-                 withPost());
-  EXPECT_EQ(ran.exit_code, 1);
-  EXPECT_FALSE(ran.json()["found"]);
-  EXPECT_TRUE(has(ran.json()["reason"].get<std::string>(), "post"));
-}
-
 TEST(PlanCommand, OtherCommandsTellZones) {
   const std::vector<std::string> post = withPost();
   const json clear =

@@ -1,7 +1,6 @@
 #include <algorithm>
 #include <csignal>
 #include <memory>
-#include <sstream>
 
 #include <gtest/gtest.h>
 #include <unistd.h>
@@ -50,21 +49,6 @@ void fill(const EmulatedDevice& device) {
 
 double fullest(const EmulatedDevice& device) { return device.pressure().maxCoeff(); }
 
-// The process that this one has started and that runs, -1 where it is not one.
-pid_t onlyChildOf(pid_t parent) {
-  std::istringstream children(contentOf("/proc/" + std::to_string(parent) + "/task/" +
-                                        std::to_string(parent) + "/children"));
-  pid_t child = -1, another = -1;
-  children >> child;
-  return children >> another ? -1 : child;
-}
-
-// Also counts a process whose exit code was not collected yet.
-bool hasEnded(pid_t process) {
-  const std::string status = contentOf("/proc/" + std::to_string(process) + "/status");
-  return status.empty() || status.find("State:\tZ") != std::string::npos;
-}
-
 // The command as a process, of these arguments.
 std::vector<std::string> words(std::vector<std::string> arguments) {
   arguments.insert(arguments.begin(), HELIX_ARM_COMMAND);
@@ -105,20 +89,6 @@ TEST(RegulatorProbe, ReportsWhichChannelsAnswerAndHowOften) {
   EXPECT_EQ(std::stod(rows[3][2]), 0.0);
 }
 
-TEST(RegulatorProbe, WhoDoesNotAnswerIsNamed) {
-  const int port = freePort();
-  const Outcome refused = run(port, {"probe", "--format", "json"});
-  EXPECT_EQ(refused.exit_code, 1);
-  EXPECT_TRUE(has(refused.json()["reason"], "cannot connect: Connection refused"));
-  EXPECT_TRUE(refused.json()["channels"][0]["pressure_pa"].is_null());
-  EXPECT_TRUE(has(refused.err, "127.0.0.1:" + std::to_string(port)));
-  EmulatedDevice device(deviceConfig());
-  device.setFault(DeviceFault::kNanText);
-  const Outcome broken = run(device.port(), {"probe", "--seconds", "0.1"});
-  EXPECT_EQ(broken.exit_code, 1);
-  EXPECT_TRUE(has(broken.err, "muscle_1 gives no reading"));
-}
-
 TEST(RegulatorSet, GoesThereAndVents) {
   EmulatedDevice device(deviceConfig());
   const Outcome outcome = run(device.port(), {"set", "--pressure-kpa", "100,0,50", "--seconds",
@@ -156,18 +126,6 @@ TEST(RegulatorSet, VentsWhenItIsInterrupted) {
     EXPECT_TRUE(has(command.outputNow(), "interrupted"));
     EXPECT_TRUE(has(command.outputNow(), "state  vented"));
   }
-}
-
-// A guard that is not dismissed tries to reach the device for longer than it is waited for here.
-TEST(RegulatorSet, WhereNothingWasEnabledItsGuardIsDismissed) {
-  Process command(words(at(freePort(), {"set", "--pressure-kpa", "100,0,50", "--yes"})));
-  pid_t guard = -1;
-  ASSERT_TRUE(command.prints("disabled: ")) << command.outputNow();
-  ASSERT_TRUE(eventually([&] { return (guard = onlyChildOf(command.id())) > 0; }));
-  kill(command.id(), SIGINT);
-  EXPECT_EQ(command.exitCode(), 1);
-  EXPECT_TRUE(eventually([&] { return hasEnded(guard); }, 5.0));
-  EXPECT_FALSE(has(command.outputNow(), "guard"));
 }
 
 TEST(RegulatorVent, EmptiesAnArmThatNoProcessHolds) {
@@ -235,21 +193,6 @@ TEST(RegulatorGuard, VentsAfterTheEndOfTheMovingProcess) {
       << said;
   EXPECT_TRUE(has(said, " is vented, after "));
   EXPECT_EQ(std::count(said.begin(), said.end(), '\n'), 1);
-}
-
-TEST(RegulatorGuard, WhatItCannotVentIsNamedWithTheRemedyForTheAir) {
-  EmulatedDevice device(deviceConfig());
-  fill(device);
-  device.setFault(DeviceFault::kStuckValue);
-  Process guard(words(at(device.port(), {"guard", "--set", "safety.vent_time_s=0.3"})));
-  guard.endInput();
-  EXPECT_EQ(guard.exitCode(), 1);
-  const std::string said = guard.outputNow();
-  EXPECT_TRUE(has(said, " is NOT vented: muscle_1 still has "));
-  EXPECT_TRUE(has(said,
-                  "; the arm may be under pressure: shut the supply, open the relief valve by "
-                  "hand, then `helix_arm regulator " +
-                      scenePath("demo_modbus") + " vent`\n"));
 }
 
 TEST(RegulatorGuard, TriesUntilTheDeviceIsThere) {

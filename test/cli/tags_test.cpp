@@ -7,7 +7,6 @@
 #include <iostream>
 #include <map>
 #include <numeric>
-#include <regex>
 #include <sstream>
 #include <tuple>
 
@@ -16,7 +15,6 @@
 #include <opencv2/imgcodecs.hpp>
 
 #include "command.hpp"
-#include "helix_arm/io/scene.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
 #include "support/opencv_charuco.hpp"
 #include "support/temporary_folder.hpp"
@@ -41,11 +39,6 @@ const auto kPapers = test::isFullSize() ? kPaperSizes : decltype(kPaperSizes){*k
 void runTool(const std::string& command) {
   if (std::system(command.c_str()) != 0) throw std::runtime_error("failed: " + command);
 }
-
-struct Word {
-  std::string text;
-  cv::Rect2d box;
-};
 
 // A PDF that the command wrote.
 class Printed {
@@ -72,26 +65,6 @@ class Printed {
   std::string text() const {
     runTool("pdftotext -layout '" + path() + "' '" + (folder_ / "text.txt") + "'");
     return contentOf(folder_ / "text.txt");
-  }
-
-  // The words of each page, with their boxes [mm] from its top left corner.
-  std::vector<std::vector<Word>> words() const {
-    runTool("pdftotext -bbox '" + path() + "' '" + (folder_ / "words.html") + "'");
-    const std::string html = contentOf(folder_ / "words.html");
-    const std::regex part(
-        "<page|<word xMin=\"(.*)\" yMin=\"(.*)\" xMax=\"(.*)\" yMax=\"(.*)\">(.*)</word>");
-    std::vector<std::vector<Word>> words;
-    for (std::sregex_iterator match(html.begin(), html.end(), part), end; match != end; ++match) {
-      if (!(*match)[1].matched) {
-        words.emplace_back();
-        continue;
-      }
-      const auto corner = [&match](int i) {
-        return cv::Point2d(std::stod((*match)[i]), std::stod((*match)[i + 1])) * (25.4 / 72);
-      };
-      words.back().push_back({(*match)[5], {corner(1), corner(3)}});
-    }
-    return words;
   }
 
   json report;
@@ -142,41 +115,6 @@ std::vector<int> idsRead(const Printed& printed, const std::string& family, doub
   return ids;
 }
 
-std::vector<int> idsOf(const io::Scene& scene) {
-  std::vector<int> ids;
-  for (const auto& tag : scene.tags->tags) ids.push_back(tag.id);
-  std::sort(ids.begin(), ids.end());
-  return ids;
-}
-
-std::vector<std::string> shippedScenes() {
-  std::vector<std::string> paths;
-  for (const auto& entry :
-       fs::directory_iterator(std::string(HELIX_ARM_SOURCE_DIR) + "/config/scenes")) {
-    if (entry.path().extension() == ".yaml") paths.push_back(entry.path().string());
-  }
-  std::sort(paths.begin(), paths.end());
-  return paths;
-}
-
-TEST(Tags, OfEveryShippedSceneAreReadBackFromThePrintInTheirSize) {
-  int scenes = 0;
-  for (const std::string& path : shippedScenes()) {
-    const io::Scene scene = io::loadScene(path);
-    if (!scene.tags || scene.tags->hasBodies() || !test::isDrawn(scenes++, 2)) continue;
-    const auto& [paper, size] = *std::next(kPaperSizes.begin(), scenes % 2);
-    SCOPED_TRACE(scene.name + " on " + paper);
-    const Printed printed({path, "--paper", paper});
-    ASSERT_EQ(printed.pages.size(), printed.report["pages"].get<std::size_t>());
-    for (const cv::Mat& page : printed.pages) {
-      EXPECT_NEAR(page.cols * kMillimetresPerPixel, size.width, kMillimetresPerPixel);
-      EXPECT_NEAR(page.rows * kMillimetresPerPixel, size.height, kMillimetresPerPixel);
-    }
-    EXPECT_EQ(idsRead(printed, scene.vision.detector.family, 1e3 * scene.tags->size), idsOf(scene));
-  }
-  EXPECT_EQ(scenes, 4);
-}
-
 // The demo's scene with so many tags of a size [m], spread over its muscles, in this file.
 void writeCrowded(const std::string& path, int tags, double size, const std::string& family) {
   std::string demo = contentOf(scenePath("demo"));
@@ -205,43 +143,6 @@ TEST(Tags, ManyOrLargeTagsAreReadBackFromAllPages) {
       std::iota(expected.begin(), expected.end(), 0);
       EXPECT_EQ(idsRead(Printed({path, "--paper", paper}), family, 1e3 * size), expected);
     }
-  }
-}
-
-TEST(Tags, EachStripStatesIdAndPlaceAndEachRowThePlacement) {
-  const Printed printed({scenePath("annotated")});
-  std::map<int, std::string> strips;
-  const auto words = printed.words();
-  const cv::Mat& page = printed.pages[0];
-  for (const TagDetection& tag : vision::TagDetector({}).detect(page)) {
-    const estimation::Corners corners = onPaper(tag);
-    const cv::Rect2d strip(corners(0, 3) - 5.4, -corners(1, 0),
-                           corners(0, 2) - corners(0, 3) + 10.8, 10.4);
-    for (const Word& word : words[0]) {
-      if (strip.contains((word.box.tl() + word.box.br()) / 2)) strips[tag.id] += word.text + " ";
-    }
-    // The up mark between the white border and the cut: 1 mm high, wide at its lower edge only.
-    const auto gray = [&](double aside, double below) {
-      const double x = corners.row(0).mean() + aside, y = strip.y - 31 - 5.375 + 0.2 + below;
-      return page.at<unsigned char>(static_cast<int>(y / kMillimetresPerPixel),
-                                    static_cast<int>(x / kMillimetresPerPixel));
-    };
-    EXPECT_LT(std::max({gray(-0.3, 0.8), gray(0, 0.5), gray(0.3, 0.8)}), 50) << tag.id;
-    EXPECT_GT(std::min(gray(-0.3, 0.2), gray(0.3, 0.2)), 200) << tag.id;
-  }
-  EXPECT_EQ(strips[6], "6 lower, muscle_2, s 0.7 ");
-  EXPECT_EQ(strips[13], "13 upper, bellows_left, s 0.62 ");
-
-  const std::string both = printed.text() + Printed({scenePath("demo")}).text();
-  const std::string lines = std::regex_replace(both, std::regex(" +"), " ");
-  for (const char* line :
-       {"0 0.04 16.5 muscle_1 0 41.4 16 0 -15 0", "16 0.36 148.4 muscle_3 240 41.4 16 0 -15 0",
-        "7 0.95 405.6 muscle_2 120 46 16 0 0 0", "22 0.62 62 bellows_right 180 40 20 0 0 0",
-        "27 0.25 25 bellows_left 300 40 0 -34.6 0 0", "Section lower, 427 mm long at rest",
-        "Section upper, 100 mm long at rest", "muscle_1, 0 deg", "muscle_3, 240 deg",
-        "bellows_top, 90 deg", "base, s 0: 0 mm", "end, s 1: 427 mm", "page 2 of 4",
-        "The triangle marks the upper edge"}) {
-    EXPECT_NE(lines.find(line), std::string::npos) << line;
   }
 }
 

@@ -1,23 +1,18 @@
 #include <Eigen/Core>
 #include <algorithm>
-#include <chrono>
 #include <cmath>
-#include <csignal>
 #include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <map>
 #include <set>
 #include <sstream>
-#include <thread>
 
 #include <gtest/gtest.h>
 
 #include "command.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "io/document/number.hpp"
-#include "support/process.hpp"
-#include "support/temporary_file.hpp"
 #include "support/temporary_folder.hpp"
 
 namespace helix_arm::test {
@@ -142,65 +137,6 @@ TEST(Workspace, ThePlyHoldsTheSamePointsAsTheCsv) {
   }
 }
 
-TEST(Workspace, TheSameSeedGivesTheSameFileWhateverTheThreads) {
-  const TemporaryFolder folder;
-  const auto content = [&folder](const std::string& scene, std::vector<std::string> options) {
-    options.insert(options.end(), {"--out", folder / "cloud.ply"});
-    const Outcome outcome = workspace(scenePath(scene), options);
-    EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
-    return contentOf(folder / "cloud.ply");
-  };
-  const std::string fast = content("helical_50", {"--count", "100000", "--threads", "1"});
-  EXPECT_TRUE(fast == content("helical_50", {"--count", "100000", "--threads", "5"}));
-  EXPECT_TRUE(fast == content("helical_50", {"--count", "100000"}));
-  EXPECT_FALSE(fast == content("helical_50", {"--count", "100000", "--seed", "2"}));
-  const auto slow = [&content](const char* threads) {
-    return content("loaded", {"--count", "3000", "--sensitivity", "--threads", threads});
-  };
-  EXPECT_TRUE(slow("1") == slow("4"));
-}
-
-TEST(Workspace, WhereNothingBalancesTheLoadThereIsNoFile) {
-  const TemporaryFolder folder;
-  const Outcome none =
-      workspace(scenePath("loaded"),
-                {"--out", folder / "cloud.ply", "--count", "400", "--tier", "loaded", "--order",
-                 "2", "--set", "arm.base.rpy_deg=[0, -90, 0]", "--set", "load.mass_kg=40"});
-  EXPECT_EQ(none.exit_code, 1);
-  EXPECT_EQ(none.json()["unbalanced"], 400);
-  EXPECT_TRUE(none.json()["reach_m"].is_null());
-  EXPECT_TRUE(none.json()["resolution_m"].is_null());
-  EXPECT_EQ(namesIn(folder.path()), std::set<std::string>{});
-}
-
-constexpr std::chrono::seconds kGenerous{120};  // on a busy machine
-
-// Interrupts it once so many files are in the folder.
-void interrupt(Process& process, int signal, const TemporaryFolder& folder, std::size_t files) {
-  using Clock = std::chrono::steady_clock;
-  const auto deadline = Clock::now() + kGenerous;
-  while (namesIn(folder.path()).size() < files && Clock::now() < deadline) {
-    std::this_thread::yield();
-  }
-  ASSERT_EQ(namesIn(folder.path()).size(), files) << "it never began: " << process.output();
-  process.signal(signal);
-  EXPECT_EQ(process.exitCode(), 130);
-}
-
-TEST(Workspace, InterruptedItLeavesWhatWasThere) {
-  const TemporaryFolder folder;
-  const std::string path = folder / "cloud.csv";
-  for (const int signal : {SIGINT, SIGTERM}) {
-    std::ofstream(path) << "old";
-    Process process({HELIX_ARM_COMMAND, "workspace", scenePath("helical_50"), "--out", path,
-                     "--count", "10000000000"});
-    interrupt(process, signal, folder, 2);
-    EXPECT_TRUE(has(process.output(), "of 10000000000 inputs; nothing was written"));
-    EXPECT_EQ(contentOf(path), "old");
-    EXPECT_EQ(namesIn(folder.path()), std::set<std::string>{"cloud.csv"});
-  }
-}
-
 // ---- trade: what speed costs in accuracy --------------------------------------------------------
 
 using nlohmann::json;
@@ -218,12 +154,6 @@ std::set<std::pair<std::string, std::string>> settingsOf(const json& rows,
       out.emplace(row["tier"].get<std::string>(), row["setting"].get<std::string>());
   }
   return out;
-}
-
-const json& rowOf(const json& rows, const std::string& tier, const std::string& setting) {
-  return *std::find_if(rows.begin(), rows.end(), [&](const json& row) {
-    return row["tier"] == tier && row["setting"] == setting;
-  });
 }
 
 // Below 1e-11 % errors are rounding, and all the same.
@@ -252,15 +182,6 @@ TEST(Trade, MeasuresEveryTierThatTheSceneCanHaveAndNothingBeatsARowOfTheFrontier
     if (row["on_frontier"]) ++on_frontier[row["part"]];
   }
   for (const char* const part : {"model", "curve", "markers"}) EXPECT_GE(on_frontier[part], 1);
-}
-
-TEST(Trade, MeasuresSightOnRenderedPictures) {
-  const json rows =
-      resultOf({"trade", scenePath("loaded"), "--no-files", "--pictures", "6"})["rows"];
-  EXPECT_EQ(settingsOf(rows, "sight").size(), 15u);
-  EXPECT_GE(settingsOf(rows, "fit").size(), 5u);
-  const double error = rowOf(rows, "whole picture", "quad_decimate 1")["tip_error_percent"];
-  EXPECT_LT(error, 1.0);
 }
 
 TEST(Trade, WritesTableReportAndPicture) {

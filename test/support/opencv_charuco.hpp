@@ -15,7 +15,6 @@ namespace helix_arm::test {
 // A ChArUco board as OpenCV itself describes and reads it. find() writes the markers in a picture,
 // and the corners there with their ids.
 struct OpenCvBoard {
-  std::vector<std::vector<cv::Point3f>> markers;
   std::vector<cv::Point3f> corners;
   using Points = std::vector<cv::Point2f>;
   std::function<void(const cv::Mat&, std::vector<Points>&, Points&, std::vector<int>&)> find;
@@ -25,16 +24,14 @@ inline OpenCvBoard openCvBoard(int columns, int rows, float square, float marker
   const auto known = cv::aruco::getPredefinedDictionary(dictionary);
 #if CV_VERSION_MAJOR == 4 && CV_VERSION_MINOR < 7
   const auto board = cv::aruco::CharucoBoard::create(columns, rows, square, marker, known);
-  return {board->objPoints, board->chessboardCorners,
-          [=](auto& page, auto& markers, auto&... corners) {
+  return {board->chessboardCorners, [=](auto& page, auto& markers, auto&... corners) {
             std::vector<int> ids;
             cv::aruco::detectMarkers(page, known, markers, ids);
             cv::aruco::interpolateCornersCharuco(markers, ids, page, board, corners...);
           }};
 #else
   const cv::aruco::CharucoBoard board({columns, rows}, square, marker, known);
-  return {board.getObjPoints(), board.getChessboardCorners(),
-          [=](auto& page, auto& markers, auto&... corners) {
+  return {board.getChessboardCorners(), [=](auto& page, auto& markers, auto&... corners) {
             std::vector<int> ids;
             cv::aruco::CharucoDetector(board).detectBoard(page, corners..., markers, ids);
           }};
