@@ -4,18 +4,14 @@ import os
 import signal
 import sys
 
-import numpy as np
-import rospy
 import rostest
 from actionlib_msgs.msg import GoalStatus
-from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", "support"))
 from calibration_rig import CalibrationRig  # noqa: E402
 from helix_arm.msg import RunCalibrationActionResult, SafetyState, TargetStatus  # noqa: E402
 from helix_arm.srv import ClearSamples, RecordSample  # noqa: E402
-from processes import wait_for  # noqa: E402
 from test_size import full_size_only  # noqa: E402
 
 PLAN = [3e5, 0, 0, 0, 3e5, 0, 3e5, 3e5, 0, 0, 0, 3e5]  # whose pressures are high
@@ -53,23 +49,6 @@ class CalibrationFaults(CalibrationRig):
         for cleared in (2, 0):
             self.assertEqual(self.call("clear_samples", ClearSamples).cleared, cleared)
 
-    @full_size_only
-    def test_a_sample_of_stale_measurements_is_refused(self):
-        self.record_when_settled(RecordSample)
-        clock = self.inbox("/clock", Clock)
-        self.assert_wait(lambda: clock)
-        self.rig.signal(signal.SIGSTOP)
-        wait_for(lambda: False, 0.5)  # stopped for longer than a step may take
-        stopped = len(clock)
-        self.rig.signal(signal.SIGCONT)  # its time goes on where it stopped
-        self.assert_wait(lambda: len(clock) > stopped + 10)
-        self.assertLess(np.diff([message.clock.to_sec() for message in clock]).max(), 0.1)
-        self.rig.signal(signal.SIGINT)
-        self.assertEqual(self.rig.code(), 0)
-        self.assert_wait(lambda: "the last are stamped" in self.call("record_sample", RecordSample).message)
-        self.send()
-        self.assert_ends(GoalStatus.ABORTED, "the last are stamped")
-
     def test_whatever_ends_a_run_leaves_the_arm_at_rest_and_says_why(self):
         def ask_for_rest():  # the stream of the run's targets does not undo it
             self.assertTrue(self.call("/pressure_command/rest", Trigger).success)
@@ -81,20 +60,6 @@ class CalibrationFaults(CalibrationRig):
             act()
             self.assert_ends(state, words)
             self.assert_rest(first if ramps else None)
-
-    @full_size_only
-    def test_a_second_goal_replaces_the_first_after_rest(self):
-        first = self.start_run()
-        self.send(plan=[0, 0, 0, 0, 0, 1e5], captures_per_pressure=1, fit=["K_kappa"])
-        self.assert_wait(self.client.get_result, 45)
-        self.assert_rest(first)
-
-    @full_size_only
-    def test_asked_to_end_it_ramps_down_first(self):
-        first = self.start_run()
-        self.calibration.signal(signal.SIGINT)
-        self.assertEqual(self.calibration.code(), 0, self.calibration.output())
-        self.assert_rest(first)
 
     def test_killed_it_leaves_an_arm_that_vents(self):
         self.start_run()
@@ -117,22 +82,6 @@ class CalibrationFaults(CalibrationRig):
         self.assertEqual(results[-1].status.status, GoalStatus.ABORTED)
         self.assertIn("is gone or does not answer", results[-1].result.message)
         self.assert_rest(first)
-
-    @full_size_only
-    def test_to_another_commander_it_leaves_the_arm(self):
-        self.assertEqual(self.send_pressures([0, 0, 1e5]).outcome, TargetStatus.REACHED)
-        self.send()
-
-        def is_left():
-            answer = self.send_pressures([0, 0, 1e5])
-            # Or the answer to the run's own target, which came first.
-            self.assertTrue(answer.outcome == TargetStatus.REACHED or answer.commander != rospy.get_name(), answer)
-            return self.is_done()
-
-        self.assert_wait(is_left)
-        self.assert_ends(GoalStatus.ABORTED, "commands the arm")
-        self.assertEqual(self.send_pressures([0, 0, 0]).outcome, TargetStatus.REACHED)
-
 
 if __name__ == "__main__":
     rostest.rosrun("helix_arm", "calibration_faults", CalibrationFaults, sys.argv)

@@ -119,21 +119,5 @@ class Walk(Runs):
         self.assertGreater(np.linalg.norm(moved), 0.005)
 
 
-@full_size_only
-class LoopCalibration(Runs):
-    RIG = {"arm.response": {"rise_time_constant_s": 0.3, "fall_time_constant_s": 0.6, "play_kpa": [8], "play_weight": [0.6]}}
-
-    def test_runs_there_and_back_and_fits_the_response(self):
-        fit = ["response", "stiffness", "length_scale"]
-        result, calibrated = self.run_plan(23, fit=fit, captures_per_pressure=1, loop=True)
-        for name, value in (("rise_time_constant", 0.3), ("fall_time_constant", 0.6)):
-            self.assertAlmostEqual(result.values[result.names.index(name)], value, delta=value / 2)
-        response = calibrated["contractions"]["fig3_muscle"]["response"]
-        self.assertGreater(response["rise_time_constant_s"], 0.1)
-        # Samples and series, saved and read again, tell the same.
-        self.assertIn("samples_series.csv", self.save("samples.csv"))
-        self.assert_files_tell_the_same(result, fit, ["samples.csv", "samples_series.csv"], 0.02)
-
-
 if __name__ == "__main__":
     rostest.rosrun("helix_arm", "calibration", "__main__", sys.argv)

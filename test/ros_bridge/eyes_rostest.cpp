@@ -10,7 +10,6 @@
 #include "ros_bridge/vision/observations.hpp"
 #include "ros_bridge/vision/pose_source.hpp"
 #include "support/process.hpp"
-#include "support/tag_picture.hpp"
 #include "support/temporary_folder.hpp"
 #include "support/vision_rig.hpp"
 #include "vision/frame_source.hpp"
@@ -195,39 +194,6 @@ TEST_P(JpegEye, TheModelOfTheSameTimeIsComparedWith) {
               1e-9);
   EXPECT_GT(error->tip_sigma, 0);
   EXPECT_GT(error->tag_rms, 0);
-}
-
-TEST_P(AllEyes, UnknownAndRepeatedTagsAreNamedAndNotUsed) {
-  const vision::TagFamily family(eye_.scene.vision.detector.family);
-  const auto observations = estimation::visibleTags(eye_.scene.view(), bent_, 0.6);
-  ASSERT_FALSE(observations.empty());
-  const int repeated = eye_.scene.tags->tags[observations.front().tag].id;
-  const int foreign = 400;
-  cv::Mat picture = eye_.picture(bent_);
-  for (const auto& [id, x] : {std::pair(foreign, 120.0), std::pair(repeated, 1150.0)}) {
-    drawTag(family, family.cells(id), squareCorners(x, 120, 80, 0.1), picture);
-  }
-  // While all tags are tracked, the rest of the picture is not searched; after a jump in time it
-  // is.
-  eye_.setTime(eye_.stamp() - ros::Duration(100.0));
-  const ros::Time stamp = eye_.nextStamp();
-  const auto before = lastStatus();
-  eye_.show(picture, stamp);
-  const auto measured = VisionListener::of(eye_.measured, stamp);
-  ASSERT_TRUE(measured);
-  EXPECT_LT(tipDistance(*measured, bent_), 0.003);
-  int seen_twice = 0, seen_foreign = 0;
-  const auto detections = VisionListener::of(eye_.detections, stamp);
-  ASSERT_TRUE(detections);
-  for (const TagDetection& tag : detections->tags) {
-    seen_foreign += tag.id == foreign && !tag.known && !tag.fitted;
-    seen_twice += tag.id == repeated && tag.known && tag.repeated && !tag.fitted;
-  }
-  EXPECT_EQ(seen_foreign, 1);
-  EXPECT_EQ(seen_twice, 2);
-  EXPECT_TRUE(eye_.tells([&](const VisionStatus& s) {
-    return s.unknown_tags > before.unknown_tags && s.repeated_tags > before.repeated_tags;
-  }));
 }
 
 TEST_P(JpegEye, ACalibrationOtherThanTheScenesReplacesIt) {

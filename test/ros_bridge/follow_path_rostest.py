@@ -89,15 +89,6 @@ class FollowTipPath(LoopRig):
         self.assertFalse(self.is_done())
         self.assert_ends(FollowTipPathResult.SUCCESSFUL)
 
-    @full_size_only
-    def test_a_new_goal_replaces_the_running_one(self):
-        self.send(goal_along([MIDDLE, BESIDE], 20.0))
-        self.assert_under_way()
-        other = self.other(goal_along([BESIDE, MIDDLE], 1.0))
-        self.assert_wait(self.is_done)
-        self.assertEqual(self.client.get_state(), GoalStatus.PREEMPTED)
-        self.assert_ends(FollowTipPathResult.SUCCESSFUL, client=other)
-
     def test_a_cancelled_goal_holds_the_arm_where_it_is_wanted(self):
         self.send(goal_along([MIDDLE, BESIDE], 20.0, hold_s=0))  # simulated: without end
         self.assert_under_way()
@@ -124,15 +115,6 @@ class FollowTipPath(LoopRig):
         self.assert_goes_on(100)
         self.assertEqual(len(self.sent), sent, "it goes on commanding")
         self.assertEqual(self.safety[-1].state, SafetyState.DISABLED, self.safety[-1])
-
-    @full_size_only
-    def test_a_rest_aborts_the_goal_and_the_next_one_counts_at_once(self):
-        self.send(goal_along([MIDDLE, BESIDE], 20.0))
-        self.assert_under_way()
-        self.assertTrue(call("pressure_command/rest"))
-        self.assert_ends(FollowTipPathResult.NOT_ENABLED, "brought the arm to rest")
-        self.send(goal_along([MIDDLE, BESIDE], 1.0))
-        self.assert_ends(FollowTipPathResult.SUCCESSFUL)
 
     @full_size_only
     def test_another_scene_is_taken_while_the_last_place_is_held_but_not_while_a_goal_runs(self):

@@ -94,9 +94,6 @@ class CameraStandIn : public VisionListener {
     last_stamp_ = std::max(ros::Time::now(), last_stamp_ + ros::Duration(0.001));
     return last_stamp_;
   }
-  /// The next stamps go on from here, be it in the past.
-  void setTime(const ros::Time& time) { last_stamp_ = time; }
-  ros::Time nextStamp() { return last_stamp_ += ros::Duration(0.05); }
 
   sensor_msgs::CompressedImage jpeg(const cv::Mat& gray, const ros::Time& at) {
     sensor_msgs::CompressedImage message;
