@@ -1,6 +1,5 @@
 #!/usr/bin/env python3
 """Containers, workflows, releases and the documentation site name what is there, and work as far as they can here."""
-import json
 import os
 import re
 import shutil
@@ -10,7 +9,6 @@ import tempfile
 import unittest
 from pathlib import Path
 
-import yaml
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -26,41 +24,6 @@ def run(*command, folder, code=0):
 
 
 class Publication(unittest.TestCase):
-    def programs(self, calls):
-        """Each call begins with a program of the package."""
-        for word in (call.split()[0].replace("/helix_arm/", "") for call in calls):
-            self.assertTrue("/" in word and os.access(str(ROOT / word), os.X_OK), "%s is no program of the package" % word)
-
-    def test_containers_run_scripts_and_copy_files_of_the_package(self):
-        lines = (ROOT / "Dockerfile").read_text()
-        stages = re.findall(r"^FROM \S+ AS (\w+)$", lines, re.M)
-        self.assertEqual(len(stages), 3)
-        self.assertLessEqual(set(re.findall(r"(?:^FROM |--from=)(\w+) ", lines, re.M)), set(stages))
-        for copied in re.findall(r"^COPY (?!--from)(.*) \S+$", lines, re.M):
-            self.assertTrue(all((ROOT / each).exists() for each in copied.split()), copied)
-        container = json.loads((ROOT / ".devcontainer/devcontainer.json").read_text())
-        self.assertIn(container["build"]["target"], stages)
-        self.programs(re.findall("^RUN (.*)$", lines, re.M) + [container["postCreateCommand"]])
-
-    def test_the_two_machines_start_a_launch_file_with_its_arguments(self):
-        commands = [service["command"] for service in yaml.safe_load((ROOT / "compose.yaml").read_text())["services"].values()]
-        calls = [call for call in (re.search(r"helix_arm (\w+\.launch)(.*)", command) for command in commands) if call]
-        self.assertEqual([re.search(r"role:=(\w+)", call.group(2)).group(1) for call in calls], ["control", "camera"])
-        for call in calls:
-            declared = re.findall(r'<arg name="(\w+)"', (ROOT / "launch" / call.group(1)).read_text())
-            self.assertLessEqual(set(re.findall(r"(\w+):=", call.group(2))), set(declared))
-
-    def test_workflows_run_scripts_alone(self):
-        for path in (ROOT / ".github/workflows").iterdir():
-            for job in yaml.safe_load(path.read_text())["jobs"].values():
-                calls = [step["run"] for step in job["steps"] if "run" in step]
-                self.assertRegex(" ".join(calls), r"^\.ci/container \S+( matrix\.release }})? \${{ matrix\.step }}$")
-                self.programs(calls + job["strategy"]["matrix"]["step"])
-
-    def test_the_citation_has_the_version_of_the_package(self):
-        version = re.search("<version>(.*)</version>", (ROOT / "package.xml").read_text()).group(1)
-        self.assertEqual(yaml.safe_load((ROOT / "CITATION.cff").read_text())["version"], version)
-
     @unittest.skipUnless((ROOT / ".git").exists(), "this is no checkout of git")
     def test_a_release_writes_its_version_everywhere_and_a_broken_link_stops_the_site(self):
         with tempfile.TemporaryDirectory(prefix="helix_arm release ") as scratch:

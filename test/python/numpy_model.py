@@ -77,11 +77,3 @@ class RingArm:
 
 def helical():
     return RingArm(tilt=np.radians(15), gamma=100.0, kappa=9.8e-5)
-
-
-def rotation_of(q):
-    """Rotation of a unit quaternion x, y, z, w."""
-    x, y, z, w = q
-    return np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-                     [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-                     [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]])
