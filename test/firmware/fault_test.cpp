@@ -70,17 +70,6 @@ TEST_P(BoardFaults, ABrokenSensorVentsItsChannelAndIsNamed) {
   }
 }
 
-TEST_P(BoardFaults, ASensorThatBreaksWhileItsMuscleFillsDoesNotFillItOn) {
-  board_.orderAll("300");
-  timeUntil(
-      board_, [&] { return board_.pressure(0) > 1e5; }, "300");
-  ASSERT_LT(board_.pressure(0), 2e5);
-  board_.air().fail(0, ChannelFault::kSensorOpen);
-  board_.keep("300", 0.5);
-  EXPECT_LT(board_.pressure(0), 5e4);
-  EXPECT_LT(board_.air().peak(), kSetPointLimit + 1e4);
-}
-
 // Its hose is off or bent: it tells no pressure, however much there is.
 TEST_P(BoardFaults, AMuscleThatIsFedWithoutAReadingThatRisesIsVented) {
   board_.air().fail(0, ChannelFault::kSensorBlocked);

@@ -64,12 +64,6 @@ TEST_F(Noting, IsDismissedAtAnOrderlyEnd) {
   EXPECT_EQ(told(), std::string(1, GuardProcess::kDismissal));
 }
 
-TEST_F(Noting, GuardsOnUnlessDismissed) {
-  { const GuardProcess guard(command()); }
-  EXPECT_TRUE(eventually([&] { return fs::exists(done()); }));
-  EXPECT_EQ(told(), "");
-}
-
 TEST_F(Noting, OutlivesAKilledProcessGroupAndNoticesIt) {
   const pid_t ward = fork();
   if (ward == 0) {
@@ -222,16 +216,6 @@ TEST_F(TwoDrivers, OneThatIgnoresOthersConnectsAndKeepsThemOut) {
   ward->close();
   guard->connect();
   EXPECT_THROW(third->connect(), LinkError);
-}
-
-// What is not reached is not held.
-TEST_F(TwoDrivers, ADeviceThatDoesNotAnswerIsFree) {
-  ModbusConfig nowhere = config();
-  nowhere.port = 1;
-  const auto lost = nowhere.makeDriver(2);
-  EXPECT_THROW(lost->connect(), LinkError);
-  DeviceLock lock;
-  EXPECT_FALSE(lock.take("modbus_tcp 127.0.0.1 port 1"));
 }
 
 // ---- Real-time priority and locked memory are never required ------------------------------------

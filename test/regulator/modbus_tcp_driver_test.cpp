@@ -1,12 +1,13 @@
+#include <cerrno>
 #include <cmath>
 
 #include <gtest/gtest.h>
 
+#include "modbus/modbus.h"
 #include "support/end_of.hpp"
 #include "support/eventually.hpp"
 #include "support/has.hpp"
 #include "support/modbus_profiles.hpp"
-#include "support/raw_modbus.hpp"
 #include "support/refusal.hpp"
 #include "support/reply_server.hpp"
 
@@ -18,6 +19,35 @@ using control::ValveOrders;
 using namespace simulation;
 using namespace test;
 using Bytes = ReplyServer::Bytes;
+
+// A bare client of a Modbus server on 127.0.0.1: registers as they are on the wire.
+class RawModbus {
+ public:
+  using Words = std::vector<std::uint16_t>;
+
+  explicit RawModbus(int port) : context_(modbus_new_tcp("127.0.0.1", port), modbus_free) {
+    modbus_set_response_timeout(context_.get(), 5, 0);
+    if (modbus_connect(context_.get()) != 0) throw std::runtime_error(modbus_strerror(errno));
+  }
+  ~RawModbus() { modbus_close(context_.get()); }
+  RawModbus(const RawModbus&) = delete;
+  RawModbus& operator=(const RawModbus&) = delete;
+
+  // Holding registers; empty where they are refused.
+  Words read(int first, int count) const {
+    Words words(static_cast<std::size_t>(count));
+    if (modbus_read_registers(context_.get(), first, count, words.data()) != count) return {};
+    return words;
+  }
+  bool write(int first, const Words& words) const {
+    const auto count = static_cast<int>(words.size());
+    return modbus_write_registers(context_.get(), first, count, words.data()) == count;
+  }
+
+ private:
+  std::unique_ptr<modbus_t, void (*)(modbus_t*)> context_;
+};
+
 using Words = RawModbus::Words;
 
 std::unique_ptr<Driver> driverOf(const ModbusProfile& profile, int port, std::vector<int> places) {
@@ -155,29 +185,6 @@ TEST(ModbusTcpDriver, InputRegistersAreReadByTheirOwnFunction) {
   EXPECT_EQ(readingOf(at.driver, 2), Eigen::Vector2d(1e5, 2e5));
 }
 
-// 125 registers a request to read, 123 a request to write: 300 set points are 3 requests.
-TEST(ModbusTcpDriver, ManyChannelsGoInPieces) {
-  constexpr int kChannels = 300;
-  std::vector<int> places(kChannels);
-  std::vector<double> set_points(kChannels);
-  for (int i = 0; i < kChannels; ++i) {
-    places[static_cast<std::size_t>(i)] = kChannels - 1 - i;
-    set_points[static_cast<std::size_t>(i)] = 1e3 * i;
-  }
-  Connected at(mpaProfile(), kChannels, places);
-  const std::uint64_t before = at.device.taken();
-  at.driver->write(regulate(set_points));
-  EXPECT_EQ(at.device.taken(), before + 3);
-  ASSERT_TRUE(eventually([&] { return std::abs(at.device.pressure()[0] - 299e3) < 1e-3; }));
-  const Eigen::VectorXd reading = readingOf(at.driver, kChannels);
-  for (int i = 0; i < kChannels; ++i) EXPECT_EQ(reading[i], 1e3 * i) << i;
-  // Of slots with a command each, those that follow each other.
-  Connected apps(vtemProfile(), 8, {0, 1, 2, 3, 4, 5, 6, 7});
-  const std::uint64_t taken = apps.device.taken();
-  apps.driver->write(regulate(std::vector<double>(8, 1e5)));
-  EXPECT_EQ(apps.device.taken(), taken + 1);
-}
-
 TEST(ModbusTcpDriver, AppsAreAcknowledgedAndStartedVentedAndASlotThatDoesNotGetReadyIsNamed) {
   EmulatedDevice device(quietDevice(vtemProfile(), 6));
   EXPECT_EQ(device.valves(), std::vector<Valve>(6, Valve::kClose));
@@ -231,20 +238,6 @@ TEST(ModbusTcpDriver, WithoutAppsChannelsThatAreToCloseVent) {
   orders.valve[0] = Valve::kClose;
   at.driver->write(orders);
   EXPECT_EQ(at.device.setPoint(), Eigen::Vector2d(0, 1e5));
-}
-
-// The sixteenth outlet is the second one of the eighth slot.
-TEST(ModbusProfile, PlacesCountTheOutletsOfAllSlots) {
-  const ModbusProfile vtem = vtemProfile();
-  EXPECT_EQ(vtem.slot(15), 7);
-  EXPECT_EQ(vtem.command(7), 40024);
-  EXPECT_EQ(vtem.setPoint(14), 40025);
-  EXPECT_EQ(vtem.setPoint(15), 40026);
-  EXPECT_EQ(vtem.status(7), 45416);
-  EXPECT_EQ(vtem.reading(15), 45418);
-  const ModbusProfile mpa = mpaProfile();
-  EXPECT_EQ(mpa.setPoint(3), 40006);
-  EXPECT_EQ(mpa.reading(3), 45404);
 }
 
 TEST(ModbusLink, ALateDeviceReceivesTheVentAndEmptiesWhileTheLinkIsHeld) {
@@ -397,26 +390,6 @@ TEST(ModbusReplies, WhatFollowsAReplyIsNotTakenForTheNextOne) {
   });
   EXPECT_EQ(endOf([&] { device.read(); }), End::kBadReply);
   EXPECT_EQ(device.read(), 1e3);
-}
-
-// A byte at a time, each of them within the timeout: it holds for all of them.
-TEST(ModbusReplies, BytesThatDripDoNotProlongTheTimeout) {
-  const Listener listener(1);
-  std::thread dripping([&listener] {
-    const int client = accept(listener.socket(), nullptr, nullptr);
-    char request[64];
-    recv(client, request, sizeof request, 0);
-    // The beginning of a frame that says it is long.
-    for (const char byte :
-         {0, 1, 0, 0, 0, 60, -1, 3, 57, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0}) {
-      if (send(client, &byte, 1, MSG_NOSIGNAL) != 1) break;
-      std::this_thread::sleep_for(std::chrono::duration<double>(0.8 * kPatience));
-    }
-    close(client);
-  });
-  EXPECT_LT(secondsOf([&] { EXPECT_NE(connectRefusal("127.0.0.1", listener.port()), "accepted"); }),
-            kBounded);
-  dripping.join();
 }
 
 }  // namespace

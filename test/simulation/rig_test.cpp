@@ -42,13 +42,6 @@ TEST(TrueArm, StiffnessAndLengthsDeviateAsAsked) {
   }
 }
 
-TEST(TrueArm, PressuresBeyondTheLimitsCountAsTheLimits) {
-  const model::Arm arm = ringArm(straightRing());
-  const TrueArm truth(arm, {1.1, 0.9, 0.99});
-  const Eigen::Vector3d beyond(-1e4, 2e5, 2 * kMaxPressure), at(0, 2e5, kMaxPressure);
-  EXPECT_EQ(truth.twists(beyond), truth.twists(at));
-}
-
 TEST(TrueArm, UnderLoadItIsTheExactArmWhateverTierTheSceneAsksFor) {
   Ring ring = helicalRing();
   const model::Arm arm = ringArm(ring, 2);
@@ -250,30 +243,6 @@ TEST(MovingArm, FollowsReadingsAsStepsAndStartsAnewWhereTheirTimeGoesBack) {
   }
 }
 
-TEST(SimulatedRig, PressuresAreThoseOfItsRegulatorsAndTheArmFollowsThem) {
-  const model::Arm arm = ringArm(helicalRing());
-  const ArmDeviation deviation{1.0, 1.2, 1.01};
-  SimulatedRig rig(arm, kRegulator, deviation);
-  regulator::SimulatedRegulator regulator(3, kRegulator);
-  const TrueArm truth(arm, deviation);
-  Random random(3);
-  EXPECT_EQ(rig.twists(), truth.twists(Eigen::VectorXd::Zero(3)));
-  for (int i = 0; i < 20; ++i) {
-    const Eigen::VectorXd set_point = randomInput(arm, random);
-    rig.command(set_point);
-    regulator.command(set_point);
-    for (const double dt : {0.0, 0.01, 0.2}) {
-      rig.step(dt);
-      regulator.step(dt);
-      EXPECT_EQ(rig.pressure(), regulator.pressure());
-      EXPECT_EQ(rig.measure(), regulator.measure());
-      EXPECT_EQ(rig.twists(), truth.twists(regulator.pressure()));
-    }
-  }
-  EXPECT_THROW(rig.command(Eigen::Vector2d(0, 0)), std::invalid_argument);
-  EXPECT_THROW(rig.step(-1), std::invalid_argument);
-}
-
 TEST(SimulatedRig, TheResponseOfTheTrueArmIsTheScenesUnlessItSaysOtherwise) {
   model::Arm plain = ringArm(helicalRing());
   std::vector<model::Section> sections(1);
@@ -305,19 +274,6 @@ TEST(SimulatedRig, TheResponseOfTheTrueArmIsTheScenesUnlessItSaysOtherwise) {
   EXPECT_LT((plays.twists() - truth.twists(plays.pressure() + behind)).norm(), 1e-9);
 }
 
-TEST(SimulatedRig, ThePictureOfALoadedArmShowsItsLoad) {
-  const model::Arm arm = ringArm(helicalRing());
-  const statics::ArmModel loaded(arm, std::nullopt, horizontalLoad());
-  const CameraSetup setup{sampleView(), vision::TagFamily("36h11"), {}, {}};
-  SimulatedRig rig(loaded, kRegulator, {}, setup);
-  simulation::SimulatedCamera same(setup.view, setup.family, setup.body, setup.config);
-  simulation::SimulatedCamera other(setup.view, setup.family, setup.body, setup.config);
-  const cv::Mat picture = rig.render().clone();
-  EXPECT_EQ(cv::norm(picture, same.render(TrueArm(loaded, {}).shape(rig.pressure())), cv::NORM_INF),
-            0);
-  EXPECT_GT(cv::norm(picture, other.render(rig.twists()), cv::NORM_INF), 0);
-}
-
 // Of two sections with 16 tags each.
 class Mounts : public testing::Test {
  protected:
@@ -335,43 +291,6 @@ TEST_F(Mounts, TheTagNearestToTheBaseKeepsItsPose) {
     EXPECT_EQ((after.X_ST.rotation - before.X_ST.rotation).norm() < 1e-6, i == base) << i;
   }
   EXPECT_NO_THROW(view.validate());
-}
-
-// 5 standard errors of each mean and each deviation.
-TEST_F(Mounts, TheNoiseIsNormalOfTheDeviationsAskedFor) {
-  const MountDeviation deviation{0.004, 0.02, 0.001, 0.05, 1};
-  lie::Vector6 camera_sum = lie::Vector6::Zero(), camera_squares = camera_sum;
-  lie::Vector6 tag_sum = camera_sum, tag_squares = camera_sum;
-  constexpr int kRigs = 1000;
-  int tags = 0;
-  for (int seed = 0; seed < kRigs; ++seed) {
-    MountDeviation seeded = deviation;
-    seeded.seed = static_cast<std::uint32_t>(seed);
-    const estimation::ArmView view = deviate(view_, arm_, seeded);
-    const lie::Vector6 camera = (view_.X_CB.inverse() * view.X_CB).log();
-    camera_sum += camera;
-    camera_squares += camera.cwiseAbs2();
-    for (std::size_t i = 0; i < view.layout.tags.size(); ++i) {
-      if (static_cast<int>(i) == view_.layout.baseTag()) continue;
-      const auto &before = view_.layout.tags[i], &after = view.layout.tags[i];
-      const double length = arm_.restLength(before.section);
-      lie::SE3 turn;
-      turn.rotation = before.X_ST.rotation.transpose() * after.X_ST.rotation;
-      lie::Vector6 moved = turn.log();
-      moved.head<3>() = after.X_ST.translation - before.X_ST.translation;
-      moved[0] += (after.s - before.s) * length;
-      tag_sum += moved;
-      tag_squares += moved.cwiseAbs2();
-      ++tags;
-    }
-  }
-  for (int i = 0; i < 6; ++i) {
-    const double camera = i < 3 ? 0.004 : 0.02, tag = i < 3 ? 0.001 : 0.05;
-    EXPECT_NEAR(camera_sum[i] / kRigs, 0, 5 * camera / std::sqrt(kRigs)) << i;
-    EXPECT_NEAR(std::sqrt(camera_squares[i] / kRigs), camera, 5 * camera / std::sqrt(2 * kRigs));
-    EXPECT_NEAR(tag_sum[i] / tags, 0, 5 * tag / std::sqrt(tags)) << i;
-    EXPECT_NEAR(std::sqrt(tag_squares[i] / tags), tag, 5 * tag / std::sqrt(2 * tags)) << i;
-  }
 }
 
 // ---- Another program as the true arm ------------------------------------------------------------
