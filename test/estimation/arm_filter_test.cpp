@@ -1,7 +1,6 @@
 #include "helix_arm/tracking/arm_filter.hpp"
 
 #include <Eigen/Cholesky>
-#include <cmath>
 #include <cstdio>
 #include <limits>
 #include <vector>
@@ -65,37 +64,6 @@ class HelicalArmFilter : public ::testing::Test {
  protected:
   const ArmModel model_ = helicalModel();
 };
-
-// The prediction's covariance covers its error: the normalised error of the twists has a mean of 6
-// where the assumptions hold, and less where the arm is better than assumed.
-TEST_F(HelicalArmFilter, KnowsHowWrongItIs) {
-  const auto runs = static_cast<unsigned>(test::draws(30, 100));
-  double nees = 0;
-  for (unsigned run = 0; run < runs; ++run) {
-    test::Random random(100 + run);
-    Correction truth(model_.arm());
-    truth.stiffness_factors = {std::exp(0.3 * random.normal()), 1.0,
-                               std::exp(0.3 * random.normal())};
-    for (double& scale : truth.length_scale) scale = std::exp(0.02 * random.normal());
-    for (int i = 0; i < 6; ++i) truth.offset(i, 0) = (i < 3 ? 0.002 : 0.03) * random.normal();
-    Bench bench(model_, truth, 1000 + run);
-    ArmFilterOptions options;
-    options.hysteresis = options.creep = 0.05;
-    ArmFilter filter(model_, options);
-    for (int k = 0; k < 20; ++k) {
-      filter.see(bench.at(k + 1.0, test::randomInput(bench.arm(), bench.random())));
-    }
-    const Eigen::VectorXd pressure = test::randomInput(bench.arm(), bench.random());
-    Eigen::MatrixXd H(6, filter.parameterCount() + 6);
-    H << filter.linearise(pressure)->by_theta, Eigen::MatrixXd::Identity(6, 6);
-    const Eigen::MatrixXd P = H * filter.state().covariance * H.transpose();
-    const Eigen::VectorXd error =
-        (bench.twists(pressure) - filter.shape(pressure)->twists()).reshaped();
-    nees += error.dot(P.ldlt().solve(error)) / runs;
-  }
-  EXPECT_GT(nees, 1.0);
-  EXPECT_LT(nees, 8.0);
-}
 
 // Without growth of the bias the filter is recursive least squares.
 TEST_F(HelicalArmFilter, EqualsLeastSquaresOverAllPictures) {
@@ -291,35 +259,6 @@ TEST_F(HelicalArmFilter, StartsWithTheCorrelationOfItsStiffness) {
   ASSERT_TRUE(together.see(bench.at(0, pressure)).accepted());
   together.reset();
   EXPECT_TRUE(together.state().covariance.topLeftCorner(5, 5).isApprox(expected, 1e-14));
-}
-
-// An arm that shortens by 8 % more and less than its model.
-TEST_F(HelicalArmFilter, LearnsStrokes) {
-  const model::Arm& arm = model_.arm();
-  const int n = arm.actuatorCount();
-  Correction truth(arm);
-  for (int i = 0; i < n; ++i) {
-    const double stroke = i % 2 == 0 ? 1.08 : 0.92;
-    truth.length_scale[i] = stroke;
-    truth.length_shift[i] = (1 - stroke) * arm.actuator(i).contraction.restLength();
-  }
-  Bench bench(model_, truth, 3);
-  ArmFilterOptions options;
-  options.stiffness_deviation = {1e-4, 1e-4, 1e-4};
-  options.length_deviation = 1e-4;
-  ArmFilter filter(model_, options);
-  Eigen::VectorXd pressure = arm.inputAt(1e5), target = pressure;
-  constexpr double kStep = 0.05;  // [s]
-  for (int k = 0; k < 1200; ++k) {
-    if (k % 40 == 0) target = test::randomInput(arm, bench.random());
-    pressure += 0.3 * (target - pressure);
-    filter.see(bench.at(kStep * k, pressure));
-  }
-  for (int i = 0; i < n; ++i) {
-    EXPECT_NEAR(std::exp(filter.state().mean[filter.parameterCount() - n + i]),
-                truth.length_scale[i], 0.02)
-        << i;
-  }
 }
 
 }  // namespace

@@ -213,26 +213,6 @@ TEST(ErrorBudget, WithoutAViewPlacementsCountAsExact) {
   EXPECT_FALSE(budget.current());
 }
 
-TEST(ErrorBudget, BeforeAnythingIsLearntThePredictionIsOpenLoop) {
-  const ArmModel model = helicalModel();
-  const ArmFilter fresh(model, {});
-  ErrorBudget budget(model, {}, viewOf());
-  const Eigen::VectorXd pressure = model.arm().inputAt(0.4);
-  const model::Shape shape = model.solve(pressure).shape;
-  model::Twists measured = shape.twists();
-  measured(0, 0) += 0.003;
-  ASSERT_TRUE(budget.update(fresh, pictureOf(pressure, measured, 0)));
-  const TipErrorBudget& out = *budget.current();
-  EXPECT_LT((out.predicted.covariance - out.open_loop.covariance).norm(),
-            1e-9 * out.open_loop.covariance.norm());
-  const Eigen::Vector3d tip = model::tipPose(shape).translation;
-  const Eigen::Vector3d error = model::tipPose(model::Shape(measured)).translation - tip;
-  EXPECT_LT((out.tip - tip).norm(), 1e-12);
-  EXPECT_LT((out.error - error).norm(), 1e-12);
-  const Eigen::Matrix3d whole = out.open_loop.covariance + out.part(BudgetPart::kCamera).covariance;
-  EXPECT_NEAR(out.distance2, error.dot(whole.inverse() * error), 1e-9 * out.distance2);
-}
-
 // A measurement whose distance2 is this share of the limit.
 ArmFilter::Input pictureAt(const ArmModel& model, const ArmFilter& filter, ErrorBudget& scratch,
                            double share, double time) {

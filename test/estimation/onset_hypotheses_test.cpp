@@ -247,26 +247,6 @@ TEST(OnsetHypotheses, WhereContactsAreIgnoredTheirScoreIsKept) {
   EXPECT_EQ(bench.onsets.quiet().highest, 0);
 }
 
-// Across the tip, in the direction in which least is seen of it; others score more.
-TEST(OnsetHypotheses, TheUnitForceScoresOneWithinHalfASecond) {
-  constexpr double kFactor = 20;
-  double least = INFINITY;
-  for (int k = 0; k < 6; ++k) {
-    Bench bench(2);
-    bench.onsets.ignoreContacts(true);
-    bench.run(16.0);
-    const Eigen::Vector3d along = bench.model.tip(bench.pressure).tip.rotation.col(0);
-    const Eigen::Vector3d side = along.unitOrthogonal();
-    const double angle = k * basics::kPi / 6;
-    bench.force = kFactor * bench.onsets.quiet().unit_force *
-                  (std::cos(angle) * side + std::sin(angle) * along.cross(side));
-    bench.run(0.5);
-    least = std::min(least, loadOf(bench).score);
-  }
-  EXPECT_GT(least, 0.7 * kFactor * kFactor);
-  EXPECT_LT(least, 1.6 * kFactor * kFactor);
-}
-
 TEST(OnsetHypotheses, SmallChangesThatPlayKeepsFromArrivingAreNoForce) {
   Bench bench(2);
   bench.moveUntilArmed();

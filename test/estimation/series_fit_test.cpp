@@ -5,7 +5,6 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <functional>
 #include <optional>
 #include <string>
 
@@ -196,20 +195,6 @@ TEST(SeriesFit, PredictsAnArmThatLagsAndCreeps) {
   EXPECT_LT(fit.held_out_rms, 3 * std::sqrt(3) * truth.offset);
 }
 
-TEST(SeriesFit, FindsAFrameWithOtherAxes) {
-  Random random(3);
-  for (int trial = 0; trial < 3; ++trial) {
-    Truth truth;
-    truth.turn = about(normals(random).normalized(), random.uniform(0.5, kPi));
-    SeriesOptions options = everything(false);
-    options.rest_offset = 0;
-    const SeriesFit fit = fitSeries(guess(), seriesOf(truth, trial), options);
-    ASSERT_EQ(fit.failure, "");
-    EXPECT_LT(fit.rms, 1.2 * std::sqrt(3) * kNoise) << "turned by\n" << truth.turn;
-    EXPECT_FALSE(fit.rules.empty());
-  }
-}
-
 // What a response would add to an arm without one is noise. Shear does not show in an arm whose
 // muscles lie along it, nor whether they lengthen.
 TEST(SeriesFit, LeavesOutWhatPredictsNoBetterAndSaysWhatTheDataCannotTell) {
@@ -322,62 +307,6 @@ TEST(SeriesFit, FindsTheRotationOfABodyFromTheMotion) {
     EXPECT_LT(fit.rms_about_offset, 1.2 * std::sqrt(3) * kNoise);
     EXPECT_LT(fit.rms_turn, 1.2 * std::sqrt(3) * kTurnNoise);
   }
-}
-
-// Each is named, and the positions are fitted as without orientations.
-TEST(SeriesFit, LeavesOutOrientationsThatContradictThePositions) {
-  const struct {
-    const char* says;
-    std::function<void(Eigen::Matrix3d&)> change;
-  } mistakes[] = {
-      {"w first",
-       [](Eigen::Matrix3d& R) {
-         const Eigen::Quaterniond q(R);
-         R = Eigen::Quaterniond(q.z(), q.w(), q.x(), q.y()).toRotationMatrix();
-       }},
-      {"not the body into that frame", [](Eigen::Matrix3d& R) { R.transposeInPlace(); }},
-      {"left-handed frame",
-       [](Eigen::Matrix3d& R) {
-         R = Eigen::Vector3d(1, 1, -1).asDiagonal() * R * Eigen::Vector3d(1, 1, -1).asDiagonal();
-       }},
-      {"another frame than the positions, turned by about 9",  // 90, to within a few degrees
-       [](Eigen::Matrix3d& R) { R = about(Eigen::Vector3d::UnitX(), kPi / 2) * R; }},
-      {"a body that the tip does not carry", nullptr}};
-  Truth truth;
-  truth.oriented = true;
-  truth.turn = about(Eigen::Vector3d(1, 2, -1).normalized(), 0.7);
-  truth.body = about(Eigen::Vector3d(2, 1, 1).normalized(), 0.6);
-  const TipSeries sound = seriesOf(truth, 60);
-  const SeriesFit positions = [&] {
-    TipSeries alone = sound;
-    alone.rotation.clear();
-    return fitSeries(guess(), alone, everything(false));
-  }();
-  const TipSeries other = seriesOf(truth, 61);
-  for (const auto& [says, change] : mistakes) {
-    const bool first = &says == &mistakes[0].says, last = !change;
-    if (!test::isFullSize() && !first && !last) continue;
-    TipSeries series = sound;
-    if (!change) series.rotation = other.rotation;
-    for (Eigen::Matrix3d& R : series.rotation) {
-      if (change) change(R);
-    }
-    const SeriesFit fit = fitSeries(guess(), series, everything(false));
-    ASSERT_EQ(fit.failure, "");
-    EXPECT_NE(fit.orientation_fault.find(says), std::string::npos) << fit.orientation_fault;
-    EXPECT_FALSE(fit.R_TM);
-    EXPECT_EQ(fit.rms, positions.rms) << says;
-  }
-}
-
-TEST(SeriesFit, NamesActuatorsThatFollowEachOtherInTheOtherSense) {
-  Truth truth;
-  truth.oriented = true;
-  TipSeries series = seriesOf(truth, 62);
-  series.history.input.col(1).swap(series.history.input.col(2));
-  const SeriesFit fit = fitSeries(guess(), series, everything(false));
-  EXPECT_NE(fit.orientation_fault.find("in the other sense"), std::string::npos)
-      << fit.orientation_fault;
 }
 
 // Of a base that hangs 1.2 m above the plane, as a user guesses it to within a few centimetres.
