@@ -83,26 +83,6 @@ INSTANTIATE_TEST_SUITE_P(Modes, EachMode,
                          ::testing::Values(TrackingMode::kFull, TrackingMode::kRegions,
                                            TrackingMode::kEdges));
 
-TEST_F(ArmLocalizerTest, AJumpIsMeasuredInTheSamePicture) {
-  ArmLocalizer localizer(view_, {});
-  const model::Twists before = twistsAt(0, 0, 0), after = twistsAt(4e5, 0, 2e5);
-  ASSERT_EQ(localizer.locate(picture(before), before).state, ObservationState::kMeasured);
-  // The model knows nothing of the jump.
-  const Observation& observation = localizer.locate(picture(after), before);
-  EXPECT_EQ(observation.state, ObservationState::kMeasured);
-  EXPECT_LT(tipError(observation, after), 0.0005);
-}
-
-TEST_F(ArmLocalizerTest, WithoutTagsNothingIsMeasured) {
-  ArmLocalizer localizer(view_, {});
-  const model::Twists twists = twistsAt(1e5, 0, 0);
-  const cv::Mat empty(720, 1280, CV_8UC1, cv::Scalar(90));
-  EXPECT_EQ(localizer.locate(empty, twists).state, ObservationState::kNoTags);
-  ASSERT_EQ(localizer.locate(picture(twists), twists).state, ObservationState::kMeasured);
-  EXPECT_EQ(localizer.locate(empty, twists).state, ObservationState::kNoTags);
-  EXPECT_EQ(localizer.locate(picture(twists), twists).state, ObservationState::kMeasured);
-}
-
 TEST_F(ArmLocalizerTest, FewerTagsThanAskedForMakeNoMeasurement) {
   const model::Twists twists = twistsAt(1e5, 0, 0);
   LocalizerConfig config;

@@ -139,19 +139,6 @@ TEST(VideoFile, GivesItsFramesInOrder) {
   }
 }
 
-TEST(VideoFile, ABrokenVideoIsAFaultAndThenTheEnd) {
-  const TemporaryFolder folder;
-  write(folder, "a.avi", Bytes(5000, 'x'));
-  write(folder, "b.mp4", {});
-  for (const char* name : {"a.avi", "b.mp4"}) {
-    const auto source = FrameSource::files(folder / name);
-    Frame frame;
-    EXPECT_EQ(source->next(frame), FrameStatus::kFault);
-    EXPECT_TRUE(has(frame.fault, folder / name));
-    EXPECT_EQ(source->next(frame), FrameStatus::kEnd);
-  }
-}
-
 // A camera as the test has it: in its socket or not, its pictures sound or not.
 struct Socket {
   bool plugged = true;
@@ -233,18 +220,6 @@ TEST_F(Camera, AnUnpluggedOneIsAFaultUntilItIsBack) {
   EXPECT_EQ(frame.retry_after, 0);
   EXPECT_EQ(frame.number, 5u);
   EXPECT_EQ(socket.opened, 2);
-}
-
-TEST_F(Camera, ABrokenPictureDoesNotCloseIt) {
-  socket.sound = false;
-  ASSERT_EQ(source->next(frame), FrameStatus::kFault);
-  EXPECT_EQ(frame.fault, "/dev/video7: a broken JPEG");
-  EXPECT_EQ(frame.retry_after, 0);
-  EXPECT_TRUE(frame.gray.empty());
-  socket.sound = true;
-  EXPECT_EQ(source->next(frame), FrameStatus::kFrame);
-  EXPECT_EQ(socket.opened, 1);
-  EXPECT_EQ(socket.closed, 0);
 }
 
 }  // namespace

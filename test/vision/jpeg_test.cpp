@@ -42,19 +42,6 @@ Bytes without(Bytes bytes, std::uint8_t code) {
   return bytes;
 }
 
-TEST(Jpeg, GrayPicturesComeBack) {
-  for (const cv::Size size :
-       {cv::Size(1, 1), cv::Size(7, 3), cv::Size(64, 48), cv::Size(641, 479)}) {
-    const cv::Mat picture = grayPicture(size.width, size.height);
-    const Bytes bytes = JpegEncoder(95).encode(picture);
-    cv::Mat gray;
-    ASSERT_FALSE(JpegDecoder().decode(bytes.data(), bytes.size(), gray));
-    ASSERT_EQ(gray.type(), CV_8UC1);
-    ASSERT_EQ(gray.size(), size);
-    EXPECT_LE(cv::norm(gray, picture, cv::NORM_L1) / static_cast<double>(picture.total()), 2.0);
-  }
-}
-
 // JPEG's own definition of luma.
 TEST(Jpeg, ColoursAreReadAsTheirLuma) {
   const cv::Mat colour = colourPicture(160, 120);
@@ -128,15 +115,6 @@ TEST(Jpeg, FramesWithoutHuffmanTablesUseTheUsualOnes) {
   ASSERT_FALSE(JpegDecoder().decode(bytes.data(), bytes.size(), gray));
   ASSERT_FALSE(JpegDecoder().decode(bare.data(), bare.size(), gray_bare));
   EXPECT_EQ(cv::norm(gray, gray_bare, cv::NORM_INF), 0);
-}
-
-TEST(Jpeg, TablesOfTheLastPictureAreNotUsed) {
-  const Bytes bytes = jpegOf(colourPicture(64, 48), TJPF_BGR, TJSAMP_422);
-  const Bytes no_quantisation = without(bytes, 0xdb);
-  JpegDecoder decoder;
-  cv::Mat gray;
-  ASSERT_FALSE(decoder.decode(bytes.data(), bytes.size(), gray));
-  EXPECT_TRUE(decoder.decode(no_quantisation.data(), no_quantisation.size(), gray));
 }
 
 }  // namespace

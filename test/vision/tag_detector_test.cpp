@@ -206,27 +206,5 @@ TEST(TagDetector, WrongBitsArePutRightUpToTheirLimit) {
   }
 }
 
-TEST(DetectorConfig, NoMoreBitsAreCorrectedThanAFamilyOrTheMemoryAllows) {
-  const auto refused = [](const auto& change, const std::string& message) {
-    DetectorConfig config;
-    change(config);
-    expectRefusal(message, [&] { config.validate(); });
-    expectRefusal(message, [&] { TagDetector detector(config); });
-  };
-  DetectorConfig().validate();
-  refused(
-      [](DetectorConfig& c) {
-        c.family = "16h5";
-        c.max_hamming = 3;
-      },
-      "differ in 5 bits, so that no more than 2 can be corrected");
-  refused(
-      [](DetectorConfig& c) {
-        c.family = "Standard52h13";
-        c.max_hamming = 2;
-      },
-      "GB for the 48714 tags of Standard52h13");
-}
-
 }  // namespace
 }  // namespace helix_arm::test

@@ -222,21 +222,6 @@ TEST(EdgeTracking, ATurnedTagIsRefused) {
   }
 }
 
-TEST(EdgeTracking, ClutterIsNoTag) {
-  TagTracker edges = tracker();
-  Random random(6);
-  for (int i = 0; i < 10; ++i) {
-    cv::Mat gray = cluttered(random, {640, 480});
-    spoil(gray, random);
-    std::vector<ExpectedTag> expected;
-    for (int k = 0; k < 60; ++k) {
-      const Vector2d middle(random.uniform(0, 640), random.uniform(0, 480));
-      expected.push_back({k, randomTag(random, middle, random.uniform(20, 80)), false});
-    }
-    EXPECT_TRUE(edges.track(gray, expected).tags.empty());
-  }
-}
-
 TEST(EdgeTracking, PartlyHiddenTagsAreTrueOrLeftOut) {
   TagTracker edges = tracker();
   Random random(7);
@@ -285,17 +270,6 @@ TEST(EdgeTracking, DoesNotAllocate) {
   const AllocationCounter counter;
   edges.track(gray, expected);
   EXPECT_EQ(counter.count(), 0U);
-}
-
-TEST(Tracking, NothingExpectedSearchesTheWholePicture) {
-  Random random(10);
-  const Corners truth = randomTag(random, {400, 300}, 50);
-  const cv::Mat gray = photograph(random, {{3, truth}}, {800, 600});
-  TagTracker edges = tracker();
-  EXPECT_TRUE(edges.track(gray, {}).whole_picture);
-  EXPECT_EQ(edges.track(gray, {}).tags.size(), 1U);
-  TagTracker full = tracker(TrackingMode::kFull);
-  EXPECT_TRUE(full.track(gray, {{3, truth, true}}).whole_picture);
 }
 
 TEST(Tracking, StrangersAreNoticedEvery90PicturesThoughNothingIsMissing) {
