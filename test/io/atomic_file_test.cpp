@@ -36,18 +36,6 @@ std::string refusal(const std::string& path, const std::string& text) {
   return {};
 }
 
-TEST(AtomicFile, ContainsTheLastCompleteWrite) {
-  const TemporaryFolder folder;
-  const std::string path = folder / "scene.yaml";
-  std::string bytes;
-  for (int i = 0; i < 100000; ++i) bytes += static_cast<char>(i);
-  for (const std::string& text : {std::string("first"), bytes, std::string(), std::string("x")}) {
-    writeFileAtomically(path, text);
-    EXPECT_EQ(contentOf(path), text);
-    EXPECT_EQ(namesIn(folder.path()), std::set<std::string>{"scene.yaml"});
-  }
-}
-
 TEST(AtomicFile, ReplacesTheFileOnlyWhenComplete) {
   const TemporaryFolder folder;
   const std::string path = folder / "cloud.ply";

@@ -287,7 +287,6 @@ TEST(CalibratedScene, TheCameraMayHaveAnyOrientation) {
 
 estimation::ContractionFit quintic(double max_pressure) {
   estimation::ContractionFit fit;
-  fit.status = estimation::ContractionFitStatus::kFitted;
   fit.kind = estimation::CurveKind::kQuintic;
   fit.coefficients = {0.41, -0.11, 0, 0.001, 0, 0};
   fit.reference_pressure = max_pressure;
@@ -298,7 +297,6 @@ estimation::ContractionFit quintic(double max_pressure) {
 TEST(CalibratedScene, CurvesReplaceThoseOfTheirNames) {
   SceneCalibration change = calibration();
   estimation::ContractionFit table;
-  table.status = estimation::ContractionFitStatus::kFitted;
   table.kind = estimation::CurveKind::kTable;
   table.pressures = {0, 49999.9, 100e3 / 3 * 4};
   table.lengths = {0.1, 0.121, 0.131};
@@ -374,35 +372,6 @@ TEST(CalibratedScene, ANewCurveIsNotScaledAsTheOldOneWas) {
   EXPECT_NEAR(lengthAt(3e5), curve.length(3e5), 1e-15);
   change.length_scale = Eigen::VectorXd::Constant(6, 1.01);
   EXPECT_NEAR(lengthAt(0), 1.01 * measured, 1e-12) << "a scale of the new one is its own";
-}
-
-// The largest pressure of a data set is often an actuator's limit as well.
-TEST(CalibratedScene, ACurveReachesTheLimitThatItWasMeasuredAt) {
-  test::Random random(33);
-  for (int i = 0; i < 60; ++i) {
-    const double kpa = random.uniform(250, 1000);
-    SceneCalibration change = calibration();
-    change.contractions = {{"muscle", quintic(pascals(kpa))}};
-    const Scene scene =
-        calibrated(kSpatialScene, change,
-                   {{"arm.sections.0.ring.max_pressure_kpa", formatNumber(std::min(kpa, 400.0))}});
-    EXPECT_EQ(scene.arm.actuator(0).contraction.inputRange().upper, pascals(kpa));
-  }
-}
-
-TEST(CalibratedScene, LimitsBeyondANewCurveAreFaults) {
-  SceneCalibration change = calibration();
-  change.contractions = {{"muscle", quintic(250e3)}};
-  EXPECT_EQ(refusal(kSpatialScene, change),
-            ":18 arm.sections[0].ring.max_pressure_kpa is 300; expected a pressure where the new "
-            "curve of muscle was measured, 0 to 250: move the limit there, or measure the free "
-            "length as far as that");
-}
-
-TEST(CalibratedScene, ABrokenOneNeverLeaves) {
-  SceneCalibration change = calibration();
-  change.length_scale = Eigen::VectorXd::Constant(6, 3);
-  EXPECT_TRUE(has(refusal(kSpatialScene, change), "length_scale is 3; expected 0.5 to 2"));
 }
 
 // Its first line is line 11 of the scene.

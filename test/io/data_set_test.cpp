@@ -94,39 +94,6 @@ TEST(DataSet, ANameThatIsNearlyAKnownOneIsAFault) {
   EXPECT_EQ(faultsOf("x_m,x_mm\n1,2\n"), "");
 }
 
-TEST(DataSet, EveryLimitIsKeptFromBothSides) {
-  const auto table = [](int columns, int rows) {
-    std::string text = "c0", row = "1";
-    for (int i = 1; i < columns; ++i) {
-      text += ",c" + std::to_string(i);
-      row += ",1";
-    }
-    text += "\n";
-    for (int i = 0; i < rows; ++i) text += row + "\n";
-    return text;
-  };
-  EXPECT_EQ(faultsOf(table(1000, 2)), "");
-  EXPECT_EQ(faultsOf(table(1001, 2)), ":1 has 1001 columns; expected at most 1000");
-  EXPECT_EQ(faultsOf(table(1, 200'000)), "");
-  EXPECT_EQ(faultsOf(table(1, 200'001)),
-            ":200002 is row 200001; expected at most 200000 rows: split the file");
-  if (test::isFullSize()) {
-    EXPECT_EQ(faultsOf(table(1000, 4000)), "");
-    EXPECT_EQ(faultsOf(table(1000, 4001)),
-              ":4002 is row 4001 of 1000 columns; expected at most 4000000 cells: split the file");
-  }
-  EXPECT_EQ(faultsOf(std::string(200, 'n') + "\n1\n"), "");
-  EXPECT_EQ(faultsOf("a," + std::string(201, 'n') + "\n1,1\n"),
-            ":1 column 2 has 201 characters in its name; expected at most 200");
-  EXPECT_EQ(faultsOf("qx\n1" + std::string(999, '0') + "\n").find(" characters"),
-            std::string::npos);
-  EXPECT_EQ(faultsOf("qx\n1" + std::string(1000, '0') + "\n"),
-            ":2 qx has 1001 characters; expected at most 1000");
-  EXPECT_EQ(faultsOf("#" + std::string((64U << 20U) - 6, ' ') + "\na\n1\n"), "");
-  EXPECT_EQ(faultsOf("#" + std::string((64U << 20U) - 5, ' ') + "\na\n1\n"),
-            " is larger than 64 MiB; expected a text file");
-}
-
 TEST(PressuresOf, TakesKilopascalsPascalsAndAMissingColumnAsVented) {
   const DataSet data = load("curvature_rad,pressure_3_kpa,pressure_1_kpa\n9,20,10.5\n9,0,-1\n");
   const Eigen::MatrixXd expected =
@@ -135,14 +102,6 @@ TEST(PressuresOf, TakesKilopascalsPascalsAndAMissingColumnAsVented) {
   const DataSet both = load("pressure_1_pa,pressure_2_kpa\n10500,20\n");
   EXPECT_EQ(pressuresOf(both, 2), (Eigen::MatrixXd(1, 2) << 10500, 20000).finished());
   EXPECT_THROW(pressuresOf(load("pressure_1_pa,pressure_1_kpa\n1,1\n"), 2), DocumentError);
-}
-
-TEST(Number, ReadsDecimals) {
-  EXPECT_EQ(parseNumber("413.6856"), 413.6856);
-  EXPECT_EQ(parseNumber("-1.5e-3"), -0.0015);
-  EXPECT_EQ(parseNumber("+2"), 2.0);
-  EXPECT_EQ(parseNumber(".5"), 0.5);
-  EXPECT_EQ(parseNumber("0"), 0.0);
 }
 
 TEST(Number, FormattedTextReadsBackAsTheSameBits) {

@@ -1,7 +1,6 @@
 // What a scene and profiles of regulators say of the pressure path and of the loop over vision;
 // every rule broken once.
 
-#include <cmath>
 #include <fstream>
 #include <tuple>
 
@@ -78,23 +77,6 @@ TEST(PressureScene, ChannelsAreTheActuatorsInTheirOrder) {
   const control::SafetyCore accepted(safety.channels, safety.rules);
 }
 
-TEST(PressureScene, OmittedKeysHaveTheDefaultsOfTheRules) {
-  const control::SafetyRules usual;
-  const SafetyConfig safety =
-      sceneOf(kPlanarScene + "regulator: {simulated: {}}\nsafety: {}\n").safety;
-  EXPECT_EQ(safety.rules.target_timeout, usual.target_timeout);
-  EXPECT_EQ(safety.rules.reading_timeout, usual.reading_timeout);
-  EXPECT_EQ(safety.rules.trip_margin, usual.trip_margin);
-  EXPECT_EQ(safety.rules.min_supply, std::nullopt);
-  EXPECT_EQ(safety.rules.follow_tolerance, usual.follow_tolerance);
-  EXPECT_EQ(safety.rules.leak_drop, usual.leak_drop);
-  EXPECT_EQ(safety.rules.vented_below, usual.vented_below);
-  for (const control::ChannelRules& channel : safety.channels) {
-    EXPECT_EQ(channel.slew, kInfinity);
-    EXPECT_EQ(channel.action, control::FaultAction::kVent);
-  }
-}
-
 TEST(PressureScene, HardwareMovesSlowlyUnlessToldOtherwise) {
   for (const std::string& text : {kSerialScene, kModbusScene}) {
     for (const control::ChannelRules& channel : sceneOf(text).safety.channels) {
@@ -122,13 +104,6 @@ TEST(PressureScene, ActionsMayDiffer) {
   EXPECT_EQ(safety.channels[1].action, control::FaultAction::kHold);
   EXPECT_EQ(safety.channels[3].action, control::FaultAction::kClose);
   EXPECT_EQ(safety.channels[5].action, vent);
-}
-
-TEST(PressureScene, ValvesThatCannotBeClosedMayHold) {
-  EXPECT_EQ(
-      faultsOf(kPlanarScene + "regulator: {ascii_serial: {profile: ctrl_p, device: /dev/ttyACM0}}\n"
-                              "safety: {fault_action: hold}\n"),
-      Faults{});
 }
 
 TEST(PressureScene, AVacuumIsWithinTheLimits) {
@@ -207,17 +182,6 @@ TEST(FollowScene, IsInSi) {
   EXPECT_EQ(loop.time_constant, 0.3) << "of safety.follow";
   EXPECT_NEAR(loop.filter.bias_rotation, 3 * basics::kPi / 180, 1e-15);
   EXPECT_NO_THROW(loop.validate());
-}
-
-TEST(FollowScene, OmittedKeysHaveTheDefaultsOfTheLoop) {
-  const follow::VisualServoConfig config = sceneOf(kPlanarScene).follow;
-  follow::VisualServoConfig usual{};
-  usual.reading_noise = config.reading_noise;  // of the regulator
-  EXPECT_EQ(membersOf(config), membersOf(usual));
-  EXPECT_EQ(config.time_constant, control::SafetyRules().time_constant);
-  EXPECT_EQ(config.contact.limit, 32);
-  EXPECT_EQ(sceneOf(kSerialScene).follow.on_contact, OnContact::kReport);
-  EXPECT_NO_THROW(config.validate());
 }
 
 TEST(FollowScene, NoiseIsThatOfTheSimulatedRegulatorOrOfTypicalHardware) {
@@ -379,18 +343,6 @@ TEST(ModbusProfileReader, EveryKeyIsRead) {
   EXPECT_EQ(membersOf(profile.app.value()), std::make_tuple(1, 10, 11, 12, 0, 255, 21, 22));
   EXPECT_EQ(profile.app->activation_time, 3);
   EXPECT_EQ(profile.timeout, 0.25);
-}
-
-TEST(ModbusProfileReader, OptionalKeysHaveDefaults) {
-  const auto profile = profileOf<ModbusProfile>(
-      "modbus_tcp:\n  count_pa: 100\n  highest_count: 1000\n"
-      "  outputs: {first: 0, stride: 1, pressure: 0}\n"
-      "  inputs: {first: 0, stride: 1, pressure: 0, registers: holding}\n");
-  EXPECT_EQ(membersOf(profile),
-            std::make_tuple(255, 100, 0, 1000, 1, 0, 1, 0, 0, 1, 0, false, std::nullopt));
-  EXPECT_FALSE(profile.app);
-  EXPECT_FALSE(profile.channels);
-  EXPECT_EQ(profile.timeout, 0.1);
 }
 
 TEST(ModbusProfileReader, EachBrokenRuleIsAFaultWithItsLine) {

@@ -17,15 +17,6 @@ arm:
   sections: [{name: only, ring: {count: 3, radius_m: 0.03, contraction: muscle}}]
 )";
 
-TEST(SceneLoad, WithoutItNothingIsLoaded) {
-  const Scene spatial = sceneOf(kSpatialScene), planar = sceneOf(kPlanarScene);
-  EXPECT_FALSE(spatial.model.load());
-  EXPECT_EQ(spatial.model.choice().setting.tier, statics::Tier::kLinear);
-  EXPECT_EQ(planar.model.choice().setting.tier, statics::Tier::kPlanar);
-  const Eigen::VectorXd q = spatial.arm.inputAt(0.3);
-  EXPECT_LT((spatial.model.solve(q).shape.twists() - spatial.arm.twists(q)).norm(), 1e-14);
-}
-
 TEST(SceneLoad, WhatTheWorldSeesIsTurnedIntoTheBase) {
   const Scene scene = sceneOf(kLoadedScene);
   ASSERT_TRUE(scene.model.load());
@@ -95,13 +86,6 @@ TEST(SceneLoad, K_epsIsKeptWhereNothingLoadsTheArm) {
       sceneOf(replaced(kSpatialScene, "K_kappa_m2: 2.0e-4}", "K_kappa_m2: 2.0e-4, K_eps_n: 700}"));
   ASSERT_EQ(one_of_two.arm.sectionCount(), 2);
   EXPECT_FALSE(one_of_two.model.load());
-}
-
-TEST(SceneLoad, WithoutGravityALoadedArmWeighsNothing) {
-  const Scene scene = sceneOf(kLoadedScene, {{"load", "{gravity_m_s2: [0, 0, 0], mass_kg: 0.3}"}});
-  ASSERT_TRUE(scene.model.load());
-  EXPECT_TRUE(scene.model.load()->empty());
-  EXPECT_EQ(scene.model.load()->K_eps, (std::vector<double>{900, 900}));
 }
 
 TEST(SceneLoad, GravityPointsDownByDefault) {

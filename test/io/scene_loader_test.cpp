@@ -306,20 +306,6 @@ TEST(SceneLoader, AirMayLeaveMoreSlowlyThanItEnters) {
   EXPECT_FALSE(simulatedOf(sceneOf(kSpatialScene)).fall_time_constant);
 }
 
-TEST(SceneLoader, WhatAPlanarSceneLeavesOutIsAbsent) {
-  const Scene scene = sceneOf(kPlanarScene);
-  EXPECT_FALSE(scene.regulator);
-  EXPECT_FALSE(scene.tags);
-  EXPECT_FALSE(scene.camera);
-  EXPECT_FALSE(scene.vision.fit.free_base);
-  EXPECT_FALSE(scene.vision.fit.free_border_shift);
-  EXPECT_EQ(scene.vision.detector.quad_decimate, vision::DetectorConfig().quad_decimate);
-  EXPECT_EQ(scene.simulation.arm.K_kappa_scale, 1);
-  EXPECT_EQ(scene.safety.commander_timeout, SafetyConfig().commander_timeout);
-  EXPECT_EQ(scene.X_WB.rotation, Eigen::Matrix3d::Identity());
-  EXPECT_EQ(scene.X_WB.translation, Eigen::Vector3d::Zero());
-}
-
 TEST(SceneLoader, APlanarRingIsTwoPointsOfThePlane) {
   const Scene scene = sceneOf(kPlanarScene);
   ASSERT_TRUE(scene.planar);
@@ -355,24 +341,6 @@ TEST(SceneLoader, OverridesReplaceAddAndReachIntoLists) {
   EXPECT_EQ(scene.looks[1].separators, 9);
   EXPECT_EQ(simulatedOf(scene).noise, 0);
   EXPECT_EQ(simulatedOf(scene).seed, 7u);
-}
-
-TEST(SceneLoader, OverridesReachSectionsThatTheSceneLeavesOut) {
-  const Scene scene = sceneOf(kPlanarScene, {{"vision.quad_decimate", "2"},
-                                             {"vision.quad_decimate", "1"},  // the last one wins
-                                             {"vision.base_prior.translation_m", "0.004"},
-                                             {"vision.tracking", "full"},
-                                             {"regulator.simulated.seed", "3"},
-                                             {"simulation.camera.noise_gray_levels", "0"}});
-  EXPECT_EQ(scene.vision.detector.quad_decimate, 1);
-  EXPECT_EQ(scene.vision.tracking, vision::TrackingMode::kFull);
-  EXPECT_TRUE(scene.vision.fit.free_base);
-  EXPECT_EQ(scene.vision.fit.base_prior.translation, 0.004);
-  EXPECT_EQ(scene.vision.fit.base_prior.rotation, estimation::BasePrior().rotation);
-  EXPECT_EQ(scene.simulation.camera.noise, 0);
-  EXPECT_EQ(simulatedOf(scene).seed, 3u);
-  EXPECT_EQ(simulatedOf(scene).time_constant, regulator::SimulatedRegulatorConfig().time_constant);
-  EXPECT_FALSE(scene.tags);
 }
 
 // ring.phase_deg, plate_m and arm.tool.
@@ -424,17 +392,6 @@ TEST(SceneLinks, TheTipLoadIsSeenFromTheTip) {
   const statics::PointLoad& tip = scene.model.load()->points.back();
   // position_m of the shipped scene is [0.02, 0, 0].
   EXPECT_LT((tip.offset - Eigen::Vector3d(0.10, 0, 0.01)).norm(), 1e-15);
-}
-
-TEST(SceneLinks, ThePlaneHasThemToo) {
-  const Scene scene = shippedScene(
-      "planar_50", {{"arm.sections.0.plate_m", "0.02"},
-                    {"arm.tool", "{position_m: [0.05, 0.01, 0], rpy_deg: [0, 0, 30]}"}});
-  const Eigen::Vector2d q(3e5, 1e5);
-  ASSERT_TRUE(scene.planar);
-  EXPECT_EQ(scene.model.choice().setting.tier, statics::Tier::kPlanar);
-  EXPECT_LT(apart(scene.model.tip(q).tip, scene.arm.tip(q)), 1e-13);
-  EXPECT_LT(apart(model::tipPose(scene.model.solve(q).shape), scene.arm.tip(q)), 1e-13);
 }
 
 // ring.radius_m and ring.tilt_deg as lists.

@@ -32,31 +32,6 @@ TEST(SceneVisionFaults, WhatMakesNoDetectorIsReported) {
   EXPECT_TRUE(has(hamming[0], "max_hamming is 3"));
 }
 
-TEST(SceneVisionFaults, OverridesOfAbsentSectionsAreChecked) {
-  EXPECT_EQ(faultsOf(kPlanarScene, {{"vision.quad_decimate", "0"}}),
-            Faults{" --set vision.quad_decimate: vision.quad_decimate is 0; "
-                   "expected a finite value >= 1"});
-  EXPECT_EQ(faultsOf(kPlanarScene, {{"vision.quad_decimat", "1"}}),
-            Faults{" --set vision.quad_decimat: vision.quad_decimat is not a "
-                   "known key; did you mean quad_decimate?"});
-}
-
-TEST(SceneFaults, TooManySectionsOrActuatorsAreReported) {
-  const std::string ring =
-      "    - {name: only, ring: {count: 2, radius_m: 0.03, contraction: muscle}}\n";
-  std::string sections, actuators;
-  for (int i = 0; i < 17; ++i) sections += replaced(ring, "only", "s" + std::to_string(i));
-  const std::string old =
-      "    - name: only\n      ring: {count: 2, radius_m: 0.03, contraction: muscle}\n";
-  EXPECT_EQ(faultsOf(replaced(kPlanarScene, old, sections)),
-            Faults{":8 arm.sections has 17 entries; expected at most 16"});
-  for (int i = 0; i < 25; ++i)
-    actuators += "        - {position_m: [0, 0.01, 0], contraction: muscle}\n";
-  EXPECT_EQ(
-      faultsOf(replaced(kPlanarScene, old, "    - name: only\n      actuators:\n" + actuators)),
-      Faults{":10 arm.sections[0].actuators has 25 entries; expected at most 24"});
-}
-
 TEST(SceneFaults, AllAreReportedAtOnce) {
   std::string text = replaced(kSpatialScene, "name: rig", "name: ''");
   text = replaced(text, "length_m: [0.1, 0.12, 0.13]", "length_m: [0.1, 0.12, 0.11]");
@@ -108,16 +83,6 @@ TEST(SceneFaults, OverridesNameTheirKey) {
   const auto syntax = faultsOf(kSpatialScene, {{"name", "[1"}});
   ASSERT_EQ(syntax.size(), 1u);
   EXPECT_EQ(syntax[0].find(" --set name: is not YAML: "), 0u) << syntax[0];
-}
-
-TEST(FaultList, ThrowsAllItsFaultsAtOnce) {
-  FaultList faults("arm.yaml");
-  EXPECT_NO_THROW(faults.throwIfAny());
-  faults.add(14, "muscle.max_pressure_kpa is -5; expected a finite value > 0");
-  faults.add(0, "has no name");
-  EXPECT_EQ(test::refusal<DocumentError>([&faults] { faults.throwIfAny(); }),
-            "arm.yaml:14 muscle.max_pressure_kpa is -5; expected a finite value > 0\narm.yaml "
-            "has no name");
 }
 
 }  // namespace

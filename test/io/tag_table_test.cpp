@@ -119,31 +119,6 @@ std::string poseFaults(const std::string& text) {
       text, [](const std::string& path) { loadTagPoses(loadDataSet(path), 2, lie::SE3()); });
 }
 
-TEST(TagPoses, RowsOfACaptureBelongTogetherWhereverTheyStand) {
-  const auto captures = loadPoses("# comment\n" + kPoseHeader +
-                                  "7,10,20,3,0.1,0.2,0.3,0,0,0,1\n"
-                                  "2,0,5,3,0,0,0,0,0,0.71,0.71\n"
-                                  "7,10,20,0,-0.1,0,0,0,0,0.6,0.8\n");
-  ASSERT_EQ(captures.size(), 2u);
-  EXPECT_EQ(captures[0].number, 7);
-  EXPECT_EQ(captures[1].number, 2);
-  EXPECT_EQ(captures[0].pressure, Eigen::VectorXd(Eigen::Vector2d(10e3, 20e3)));
-  EXPECT_EQ(captures[1].pressure, Eigen::VectorXd(Eigen::Vector2d(0, 5e3)));
-  ASSERT_EQ(captures[0].tags.size(), 2u);
-  ASSERT_EQ(captures[1].tags.size(), 1u);
-  EXPECT_EQ(captures[0].tags[0].id, 3);
-  EXPECT_EQ(captures[0].tags[1].id, 0);
-  EXPECT_EQ(captures[0].tags[1].line, 5);
-  EXPECT_EQ(captures[0].tags[0].X_BT.translation, Eigen::Vector3d(0.1, 0.2, 0.3));
-  EXPECT_EQ(captures[0].tags[0].X_BT.rotation, Eigen::Matrix3d::Identity());
-  const Eigen::Matrix3d& rounded = captures[1].tags[0].X_BT.rotation;
-  EXPECT_LT((rounded * rounded.transpose() - Eigen::Matrix3d::Identity()).norm(), 1e-15);
-  // cos and sin of half the angle about z.
-  Eigen::Matrix3d turned;
-  turned << 0.28, -0.96, 0, 0.96, 0.28, 0, 0, 0, 1;
-  EXPECT_LT((captures[0].tags[1].X_BT.rotation - turned).norm(), 1e-15);
-}
-
 TEST(TagPoses, AreConvertedToTheBaseFromAnyFrame) {
   // F is turned by 90 degrees about the base's z axis: its x axis is the base's y axis.
   Eigen::Matrix3d R;
