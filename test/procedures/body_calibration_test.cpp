@@ -1,6 +1,5 @@
 // A calibration from poses of motion-capture bodies: their frame is found from nothing, and what is
 // recorded of them is read again.
-#include <cmath>
 #include <string>
 #include <vector>
 
@@ -87,20 +86,6 @@ TEST_F(BodyCalibration, FindsBodiesThatAreOtherwiseThanTheSceneSays) {
     };
     EXPECT_LE(off(found), std::max(0.0015, 0.5 * off(before))) << found.name;
   }
-}
-
-TEST_F(BodyCalibration, NamesMillimetres) {
-  CalibrationData data = recorded(scene_, rig_);
-  for (estimation::Capture& capture : data.captures) {
-    for (auto& one : std::get<std::vector<estimation::PoseObservation>>(capture.reading)) {
-      one.X_BT.translation *= 1e3;
-    }
-  }
-  CalibrationRequest request;
-  request.fit = {"base", "stiffness"};
-  const CalibrationOutcome outcome = runCalibration(kPath, {kUnknown}, request, data);
-  EXPECT_FALSE(outcome.success);
-  EXPECT_TRUE(test::has(outcome.message, "they are in millimetres")) << outcome.message;
 }
 
 TEST(BodySamples, AreMediansAndReadAgain) {

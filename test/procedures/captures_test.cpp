@@ -44,16 +44,6 @@ std::string faultsOf(const io::Scene& scene, const std::string& data) {
       data, [&scene](const std::string& path) { loadCaptures(scene, io::loadDataSet(path)); });
 }
 
-TEST(Captures, CurvaturesAreNumberedByTheirRows) {
-  const auto loaded =
-      load(sceneOf(kPlanarScene), "pressure_2_kpa,curvature_rad\n0,0.01\n# between\n200,1.5\n");
-  ASSERT_EQ(loaded.captures.size(), 2u);
-  EXPECT_EQ(loaded.captures[1].number, 2);
-  EXPECT_EQ(loaded.captures[1].pressure, Eigen::VectorXd(Eigen::Vector2d(0, 200e3)));
-  EXPECT_EQ(std::get<estimation::CurvatureReading>(loaded.captures[1].reading).curvature, 1.5);
-  EXPECT_TRUE(loaded.unknown_ids.empty());
-}
-
 TEST(Captures, PosesAreThoseOfTheLayoutSeenFromTheBase) {
   const io::Scene scene = sceneOf(kSpatialScene, {{"tags.frame", "{position_m: [0.1, 0, 0]}"}});
   const auto loaded = load(scene, kPoseHeader +
@@ -139,19 +129,6 @@ TEST(Captures, WhatDoesNotFitItsSceneIsAFault) {
        ":3 measures the tag of line 2 again in the same capture; expected it once"},
   };
   for (const auto& [scene, data, faults] : cases) EXPECT_EQ(faultsOf(scene, data), faults);
-}
-
-TEST(Captures, FreeLengthsAreInPascals) {
-  const auto load = [](const std::string& text) {
-    return effectiveSamples(lengthSeriesOf(io::loadDataSet(test::TemporaryFile(text).path())), {});
-  };
-  const auto samples = load("pressure_kpa,length_m\n10.5,0.4\n0,0.41\n");
-  ASSERT_EQ(samples.size(), 2u);
-  EXPECT_EQ(samples[0].pressure, 10500);
-  EXPECT_EQ(samples[0].length, 0.4);
-  EXPECT_EQ(samples[1].length, 0.41);
-  EXPECT_THROW(load("pressure_1_kpa,length_m\n0,1\n"), io::DocumentError);
-  EXPECT_THROW(load("pressure_1_kpa,curvature_rad\n0,1\n"), io::DocumentError);
 }
 
 // The tip error of a scene, from the tags of captures.

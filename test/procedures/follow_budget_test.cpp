@@ -88,23 +88,6 @@ TEST(FollowBudget, CoversTheErrorOfThePredictedTip) {
   EXPECT_LE(outside, std::min(1, test::mostOf(runs, 0.001)));  // 0.1 of 100 expected
 }
 
-TEST(FollowBudget, IsThatOfTheLastPicture) {
-  Random random(3);
-  const io::Scene scene = drawScene(3, random);
-  FollowPlan plan = drawPlan(scene, 3, random);
-  const FollowResult result = runFollow(scene, plan);
-  ASSERT_TRUE(result.budget);
-  const auto last = std::find_if(result.rows.rbegin(), result.rows.rend(),
-                                 [](const FollowRow& row) { return row.measured.has_value(); });
-  ASSERT_NE(last, result.rows.rend());
-  EXPECT_DOUBLE_EQ(result.budget->time, last->measured_time);
-  EXPECT_GT(result.budget->part(BudgetPart::kPlacement).deviation(), 0);
-  EXPECT_LT(result.budget->predicted.deviation(), result.budget->open_loop.deviation());
-
-  plan.blind = model::Range{0.0, plan.seconds};
-  EXPECT_FALSE(runFollow(scene, plan).budget);
-}
-
 TEST(FollowBudget, TakesPriorsOfPlacementsOrTheErrorsOfACalibration) {
   io::Scene scene = test::demo({{"tags.placement_prior.translation_m", "0.003"},
                                 {"tags.placement_prior.rotation_deg", "2"}});

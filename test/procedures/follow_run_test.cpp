@@ -163,24 +163,5 @@ TEST(FollowRun, PathsAreCheckedWithModelAndSlewRatesOfTheScene) {
   EXPECT_EQ(far->fault, follow::PathFault::kUnreachable);
 }
 
-// Another set of tags makes the watch less certain; not if it comes with a picture that is refused.
-TEST(FollowRun, ARefusedPictureDoesNotChangeTheWatch) {
-  const io::Scene scene = demo();
-  follow::VisualServo loop(scene.model, loopConfigOf(scene));
-  const Eigen::VectorXd empty = scene.arm.inputAt(0.0);
-  for (int k = 0; k < 10; ++k) loop.reading(0.01 * k, empty, empty);
-  const model::Twists twists = scene.model.solve(empty).shape.twists();
-  const Eigen::MatrixXd covariance = 1e-6 * Eigen::MatrixXd::Identity(twists.size(), twists.size());
-  const auto spread = [&loop] { return loop.watch().state().covariance.trace(); };
-  const std::vector<int> tags = {0, 1, 2, 3}, fewer = {0, 1, 2};
-  ASSERT_TRUE(loop.picture(0.05, 0.09, twists, covariance, tags).accepted());
-  const double before = spread();
-  for (int k = 0; k < 10; ++k) {
-    EXPECT_EQ(loop.picture(0.05, 0.09, twists, covariance, k % 2 == 0 ? fewer : tags).fault,
-              estimation::ObservationFault::kNotNewer);
-  }
-  EXPECT_EQ(spread(), before);
-}
-
 }  // namespace
 }  // namespace helix_arm::procedures

@@ -268,23 +268,6 @@ UnrolledTag unroll(const estimation::TagPlacement& tag) {
   return unrolled(kArm, {0.02, {tag}}).at(0);
 }
 
-TEST(UnrolledTags, ATagAboveAMuscleStandsOffItsCentreLine) {
-  for (int muscle = 0; muscle < 3; ++muscle) {
-    const UnrolledTag tag = unroll(tagAt(2 * kPi * muscle / 3, 0.046));
-    EXPECT_EQ(tag.id, 3);
-    EXPECT_EQ(tag.section, 1);
-    EXPECT_EQ(tag.s, 0.25);
-    EXPECT_EQ(tag.actuator, 3 + muscle) << "of its own section";
-    EXPECT_NEAR(tag.angle, 2 * kPi * muscle / 3, kTolerance);
-    EXPECT_NEAR(tag.radius, 0.046, kTolerance);
-    EXPECT_NEAR(tag.standoff, 0.016, kTolerance);
-    EXPECT_NEAR(tag.aside, 0, kTolerance);
-    EXPECT_NEAR(tag.from_base, 0.1, kTolerance);
-    EXPECT_NEAR(tag.turn, 0, kTolerance);
-    EXPECT_NEAR(tag.tilt, 0, 1e-7);
-  }
-}
-
 TEST(UnrolledTags, AnglesAndTurnsAreThoseOfAnyMounting) {
   test::Random random(20);
   for (int i = 0; i < 200; ++i) {
