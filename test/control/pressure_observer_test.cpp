@@ -45,19 +45,6 @@ TEST(PressureObserver, FollowsTheLagBetterThanItsReadings) {
   EXPECT_LT(nees, 1.5);
 }
 
-TEST(PressureObserver, FollowsTheLagWhileAChannelHasNoReading) {
-  PressureObserver observer(1, kLag, kNoise);
-  observer.update(0.0, one(0), one(0));
-  double expected = 0.0, variance = observer.newest().variance[0];
-  for (int k = 1; k <= 100; ++k) {
-    observer.update(k * kPeriod, one(2e5), one(std::numeric_limits<double>::quiet_NaN()));
-    expected += -std::expm1(-kPeriod / kLag) * (2e5 - expected);
-  }
-  EXPECT_NEAR(observer.newest().pressure[0], expected, 1e-6 * expected);
-  EXPECT_GT(observer.newest().variance[0], 0);
-  EXPECT_NE(observer.newest().variance[0], variance);
-}
-
 // What is said of a time to come is what the observer says then, if no reading comes.
 TEST(PressureObserver, LooksAheadAlongTheLag) {
   constexpr double kAhead = 0.12;  // [s]

@@ -86,24 +86,6 @@ TEST(TipPath, WithoutVelocitiesACubicAtRestAtBothEndsIsReproduced) {
   }
 }
 
-TEST(TipPath, VelocityIsTheDerivativeOfPosition) {
-  test::Random random(4);
-  std::vector<TipWayPoint> points = randomPoints(random, 20);
-  for (const bool given : {false, true}) {
-    for (TipWayPoint& point : points) {
-      if (given) point.velocity = random.direction<3>();
-    }
-    const TipPath path(points);
-    constexpr double kStep = 1e-5;
-    for (int i = 0; i < 500; ++i) {
-      const double t = random.uniform(path.firstTime() + kStep, path.lastTime() - kStep);
-      const Vector3d difference =
-          (path.at(t + kStep).position - path.at(t - kStep).position) / (2 * kStep);
-      EXPECT_LT((path.at(t).velocity - difference).norm(), 1e-6);
-    }
-  }
-}
-
 TEST(TipPath, NoPlaceOfASegmentIsFasterThanItsTopSpeed) {
   test::Random random(8);
   double closest = kInfinity;

@@ -30,13 +30,6 @@ TEST(Arm, TwistIsTheMapTimesTheLengths) {
   }
 }
 
-TEST(Arm, InflatingOneMuscleBendsTowardsIt) {
-  const Arm arm = test::ringArm(test::straightRing());
-  const Eigen::Vector3d tip = arm.tip(Eigen::Vector3d(3e5, 0, 0)).translation;
-  EXPECT_GT(tip.y(), 0.05);  // muscle 1 sits at +y
-  EXPECT_NEAR(tip.z(), 0.0, 1e-12);
-}
-
 TEST(Arm, ActuatorsMayDiffer) {
   // A tendon and a muscle in one section: each keeps its own length, stiffness and limits.
   Section section = test::ringSection(test::straightRing(), test::fig3Muscle());

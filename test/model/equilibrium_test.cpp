@@ -137,26 +137,6 @@ TEST(Equilibrium, MatchesThePseudoInverseIn80Digits) {
               worst_name.c_str());
 }
 
-TEST(Equilibrium, EnergyGradientVanishesAtTheSolution) {
-  test::Random random(51);
-  for (const Case& c : cases()) {
-    if (c.elements.front().K[1] > 1e3 || c.elements.front().X_O.translation.norm() > 0.1) continue;
-    Eigen::VectorXd l(c.elements.size());
-    for (int i = 0; i < l.size(); ++i) l[i] = random.uniform(0.33, 0.43);
-    const lie::Vector6 g = solveEquilibrium(c.elements).map * l;
-    lie::Vector6 gradient = lie::Vector6::Zero();
-    double size = 0;
-    for (int i = 0; i < l.size(); ++i) {
-      const lie::Matrix6 Ad_oi = c.elements[i].X_O.inverse().adjoint();
-      const lie::Vector6 force =
-          c.elements[i].K.asDiagonal() * (Ad_oi * g - l[i] * lie::Vector6::Unit(0));
-      gradient += Ad_oi.transpose() * force;
-      size += force.norm();
-    }
-    EXPECT_LE(gradient.norm(), 1e-11 * (size + 1)) << c.name;
-  }
-}
-
 TEST(Equilibrium, NullSpaceCostsNoEnergyAndIsNotInTheAnswer) {
   int singular = 0;
   for (const Case& c : cases()) {

@@ -191,20 +191,6 @@ TEST(Response, UncertaintyBoundsWhatAnUnknownStartCanChange) {
   EXPECT_GT(largest, 100);  // the bound is no large multiple of what happens
 }
 
-TEST(Response, IsKnownAfterAStrokeOfTwiceTheLargestPlay) {
-  ResponseState state = after(kTwoPlays, {1e5});
-  EXPECT_FALSE(state.known());
-  state.step(1e5 + 0.99 * kTwoPlays.stroke(), kRest);
-  EXPECT_FALSE(state.known());
-  state.step(1e5 + 1.01 * kTwoPlays.stroke(), kRest);
-  EXPECT_TRUE(state.known());
-  state.step(0, kRest);
-  EXPECT_TRUE(state.known());
-  state.restart();
-  EXPECT_FALSE(state.known());
-  EXPECT_EQ(state.uncertainty(kLimits), kTwoPlays.halfWidth());
-}
-
 TEST(Response, AReadingThatIsNoNumberStepsNothing) {
   Response response = kTwoPlays;
   response.rise_time = 1;

@@ -88,21 +88,6 @@ TEST(ExactArm, ForceAlongAStraightArmStretchesItLinearly) {
   EXPECT_LT(solution.tip.translation.tail<2>().norm(), 1e-12);
 }
 
-TEST(ExactArm, MomentAboutAStraightArmTwistsItLinearly) {
-  const test::Ring ring = test::straightRing();
-  const model::Arm arm = test::ringArm(ring);
-  const double K_eps = 700.0;
-  Load load = weightless(arm.sectionCount(), K_eps);
-  load.points.push_back(tipLoad(arm, {0, 0, 0}, {9, 0, 0}));
-  const Solution solution = ExactArm(arm, load).solve(unpressurised(arm));
-  const double angle = arm.freeLength(0) * 9 / (K_eps * stiffnessOf(ring).torsion);
-  ASSERT_TRUE(solution.converged());
-  EXPECT_GT(angle, 0.2);
-  EXPECT_LT(apart(solution.tip, {Eigen::AngleAxisd(angle, Vector3d::UnitX()).matrix(),
-                                 Vector3d(arm.freeLength(0), 0, 0)}),
-            1e-11);
-}
-
 TEST(ExactArm, MomentAcrossAStraightArmBendsItIntoAnArc) {
   // The moment stays across the plane of the bending, so the curvature is constant: up to more than
   // a full turn.

@@ -6,13 +6,13 @@
 
 #include <gtest/gtest.h>
 
+#include "helix_arm/model/batch.hpp"
 #include "statics/arms_under_load.hpp"
 #include "statics/inverse/box_quadratic.hpp"
 #include "support/allocation_counter.hpp"
 #include "support/paper_arm.hpp"
 #include "support/random.hpp"
 #include "support/test_size.hpp"
-#include "support/tip_grid.hpp"
 
 namespace helix_arm::statics {
 namespace {
@@ -106,12 +106,35 @@ TEST(Inverse, WarmStartNeedsFewIterations) {
   EXPECT_LE(worst, 4);
 }
 
+// Tips [m] of a section of three of the paper's muscles, at a grid of pressures from 0 to
+// kMaxPressure: so many along each axis, the first actuator's pressure changing fastest.
+struct TipGrid {
+  std::vector<double> x, y, z;  // base frame
+
+  TipGrid(const model::Arm& arm, int per_axis) {
+    std::vector<double> q[3];
+    for (int i = 0; i < per_axis * per_axis * per_axis; ++i) {
+      int rest = i;
+      for (auto& axis : q) {
+        axis.push_back(test::kMaxPressure * (rest % per_axis) / (per_axis - 1));
+        rest /= per_axis;
+      }
+    }
+    const double* inputs[] = {q[0].data(), q[1].data(), q[2].data()};
+    x.resize(q[0].size()), y.resize(x.size()), z.resize(x.size());
+    model::TipBatch(arm).columns(inputs, x.size(), x.data(), y.data(), z.data());
+  }
+
+  std::size_t count() const { return x.size(); }
+  Eigen::Vector3d tip(std::size_t j) const { return {x[j], y[j], z[j]}; }
+};
+
 TEST(Inverse, GivesTheClosestTipWhereTheTargetCannotBeReached) {
   // Against the closest of 2 million tips sampled within the limits.
   const int targets = test::draws(12, 60);
   for (const auto& ring : {test::straightRing(), test::helicalRing()}) {
     const model::Arm arm = test::ringArm(ring);
-    const test::TipGrid tips(arm, 126);
+    const TipGrid tips(arm, 126);
 
     InverseSolver solver(arm);
     test::Random random(103);

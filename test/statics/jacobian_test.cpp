@@ -414,19 +414,6 @@ TEST(LoadedJacobian, HoldsForTaperedSections) {
   }
 }
 
-TEST(LoadedJacobian, HoldsWhereTheStiffnessDependsOnThePressure) {
-  Random random(304);
-  const model::Arm arm = variedArm(2, 3, true, random);
-  Load load = test::randomLoad(2, random);
-  load.tables = {{{0, 1e5, 2e5, test::kMaxPressure}, {3.2, 1, 2.6, 3.7}}, {}};
-  Eigen::VectorXd q(6);
-  // Away from the kinks of the table.
-  for (double& one : q) one = random.uniform(1.2e5, 1.8e5);
-  for (const TierSetting& setting : {loadedTier(4), kExactTier}) {
-    expectDerivatives({"table, " + setting.name(), arm, load, setting, q});
-  }
-}
-
 TEST(LoadedJacobian, HoldsInThePlaneAndOutOfIt) {
   const model::PlanarArm plane = test::planarArm(2);
   const model::Arm arm = model::embed(plane);

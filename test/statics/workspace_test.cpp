@@ -9,7 +9,6 @@
 
 #include "statics/arms_under_load.hpp"
 #include "support/test_size.hpp"
-#include "support/tip_grid.hpp"
 
 namespace helix_arm::statics {
 namespace {
@@ -188,32 +187,6 @@ void expectTrue(const ArmModel& model, const WorkspaceExtremes& sampled,
     EXPECT_LT((model.tip(input).tip.translation - tip).norm(), 1e-12);
     EXPECT_TRUE(found.bounds().contains(tip + 1e-12 * (found.bounds().center() - tip)));
     EXPECT_LE(tip.norm(), found.reach());
-  }
-}
-
-TEST(WorkspaceExtremes, NoTipOfAFineGridIsBeyondThemAndTheyAreHardlyBeyondTheGrid) {
-  // The last curls to more than a circle: some of its extremes lie inside the limits.
-  const test::Ring curling{3, 0.006, 0.0, {10.0, 0.0, 1e-6}};
-  for (const test::Ring& ring : {test::straightRing(), test::helicalRing(), curling}) {
-    const model::Arm arm = test::ringArm(ring);
-    const test::TipGrid tips(arm, 101);
-    double grid[WorkspaceExtremes::kCount];
-    std::fill(std::begin(grid), std::end(grid), -1e9);
-    for (std::size_t j = 0; j < tips.count(); ++j) {
-      const Eigen::Vector3d tip = tips.tip(j);
-      const double extents[] = {-tip.x(), -tip.y(), -tip.z(),  tip.x(),
-                                tip.y(),  tip.z(),  tip.norm()};
-      for (int k = 0; k < WorkspaceExtremes::kCount; ++k) grid[k] = std::max(grid[k], extents[k]);
-    }
-    const ArmModel model(arm);
-    const WorkspaceExtremes sampled = sampledExtremes(model, 1000);
-    const WorkspaceExtremes found = findExtremes(model, sampled);
-    expectTrue(model, sampled, found);
-    for (int k = 0; k < WorkspaceExtremes::kCount; ++k) {
-      const double extent = WorkspaceExtremes::extent(k, found.of(k).tip);
-      EXPECT_GE(extent, grid[k] - 1e-9) << k;
-      EXPECT_LE(extent, grid[k] + 1e-3) << k;
-    }
   }
 }
 
