@@ -1,10 +1,6 @@
-// The cockpit without its window: what it offers, holds, calls and remembers.
-#include <chrono>
-#include <future>
-
+// The cockpit without its window: what it offers, holds and remembers.
 #include "ros_bridge/cockpit/cockpit_link.hpp"
 #include "ros_bridge/cockpit/cockpit_view.hpp"
-#include "support/eventually.hpp"
 #include "support/has.hpp"
 
 namespace helix_arm::ros_bridge {
@@ -115,20 +111,6 @@ TEST(Possibility, FollowsFromTheStateAndNamesWhatPreventsIt) {
   }
 }
 
-TEST(CockpitWords, AFailedStopBeginsWithWhatToDoByHand) {
-  const Words late =
-      answerWords({"Emergency stop", false, "no answer within 3 s", false, kStopByHand});
-  EXPECT_EQ(late.text, std::string("Emergency stop: ") + kStopByHand + ": no answer within 3 s");
-  EXPECT_EQ(late.tone, Tone::kBad);
-  EXPECT_EQ(answerWords({"Enable", false, "the arm is stopped"}).text,
-            "Enable: refused: the arm is stopped");
-  EXPECT_EQ(answerWords({"Enable", false, "no answer within 3 s", false}).text,
-            "Enable: no answer within 3 s")
-      << "nobody refused it";
-  EXPECT_EQ(answerWords({"Enable", true, "enabled"}).text, "Enable: enabled");
-  EXPECT_EQ(answerWords({"Enable", true, "enabled"}).tone, Tone::kQuiet);
-}
-
 // When the cockpit stops repeating its target.
 class HeldGoalTest : public ::testing::Test {
  protected:
@@ -219,79 +201,6 @@ TEST(StripHistory, AxesHoldAllValuesInSteps) {
   history.add(2, {2.1e5, 0}, 0.0051);
   EXPECT_EQ(history.pressureTop(1e5), 5e5);
   EXPECT_DOUBLE_EQ(history.errorTop(1e-3), 1e-2);
-}
-
-// Calls that hang hold up neither their caller nor other calls.
-constexpr double kLong = 60;    // no call of these tests lasts so long [s]
-constexpr double kShort = 0.1;  // [s]
-
-class ServiceCallerTest : public ::testing::Test {
- protected:
-  ~ServiceCallerTest() override { open_.set_value(); }
-
-  // The answers once there are this many.
-  std::vector<CallAnswer> answers(std::size_t count) {
-    test::eventually(
-        [&] {
-          for (CallAnswer& answer : caller_.take()) answers_.push_back(std::move(answer));
-          return answers_.size() >= count;
-        },
-        30);
-    return answers_;
-  }
-  static ServiceCaller::Call answering(bool success, const std::string& message) {
-    return [=] { return CallAnswer{"", success, message}; };
-  }
-  // A call that ends with the test.
-  ServiceCaller::Call hanging() {
-    return [gate = gate_] {
-      gate.wait();
-      return CallAnswer{"", true, "late"};
-    };
-  }
-
-  std::promise<void> open_;
-  const std::shared_future<void> gate_ = open_.get_future().share();
-  ServiceCaller caller_;
-  std::vector<CallAnswer> answers_;
-};
-
-TEST_F(ServiceCallerTest, CallsThatHangAreLimitedByName) {
-  for (int k = 0; k < ServiceCaller::kMostWaiting + 3; ++k) caller_.ask("Enable", kLong, hanging());
-  const auto answers = this->answers(3);
-  ASSERT_EQ(answers.size(), 3U);
-  EXPECT_TRUE(test::has(answers[2].message, "earlier calls"));
-  caller_.ask("Vent", kLong, answering(true, ""));
-  EXPECT_TRUE(this->answers(4).back().success);
-}
-
-// A node that hung and was started again must still hear a stop.
-TEST_F(ServiceCallerTest, CallsGivenUpOnLeaveRoomForAnother) {
-  for (int k = 0; k < ServiceCaller::kMostWaiting; ++k)
-    caller_.ask("Emergency stop", kShort, hanging());
-  ASSERT_EQ(this->answers(ServiceCaller::kMostWaiting).size(),
-            std::size_t{ServiceCaller::kMostWaiting});
-  caller_.ask("Emergency stop", kLong, answering(true, "engaged"));
-  const auto answers = this->answers(ServiceCaller::kMostWaiting + 1);
-  ASSERT_EQ(answers.size(), std::size_t{ServiceCaller::kMostWaiting + 1});
-  EXPECT_TRUE(answers.back().success) << answers.back().message;
-}
-
-TEST_F(ServiceCallerTest, ItsEndDoesNotWaitForACall) {
-  const auto before = std::chrono::steady_clock::now();
-  std::promise<void> ended;
-  {
-    ServiceCaller caller;
-    caller.ask("Enable", kLong, [gate = gate_, &ended] {
-      gate.wait();
-      ended.set_value();
-      return CallAnswer{"", true, "late"};
-    });
-  }
-  EXPECT_LT(std::chrono::steady_clock::now() - before, std::chrono::seconds(20));
-  open_.set_value();
-  open_ = {};  // for the destructor
-  ended.get_future().wait();
 }
 
 }  // namespace

@@ -8,7 +8,6 @@
 #include "ros_bridge/follow/loop_reports.hpp"
 #include "support/eventually.hpp"
 #include "support/has.hpp"
-#include "support/paper_arm.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
@@ -17,7 +16,6 @@ using test::eventually;
 using Result = FollowTipPathResult;
 using follow::LoopState;
 using Indices = std::vector<int>;
-using estimation::ObservationFault;
 
 // Checks that last until they may end, and what ran of them.
 struct Checks {
@@ -256,22 +254,6 @@ TEST_F(GoalWatchTest, VisionThatIsRequiredMayComeLateAndNotGo) {
   expectEnding(runTo(3.1, LoopState::kOpen), Result::VISION_LOST);
 }
 
-// The state of a loop that diverges does not tell whether the arm is seen.
-TEST_F(GoalWatchTest, VisionThatIsRequiredMayNotGoWhereTheLoopDivergesEither) {
-  const auto divergeTo = [this](double end, bool sees) {
-    for (; path_time_ < end; path_time_ += 0.01) {
-      const double time = 100 + path_time_;
-      if (auto ending = watch_.turn(time, turnAt(-0.5, LoopState::kDiverging))) return ending;
-      if (sees) watch_.picture(*watch_.momentOf(time), {0.1, 0, 0});
-    }
-    return std::optional<GoalEnding>();
-  };
-  ASSERT_FALSE(runTo(1.0));
-  EXPECT_FALSE(divergeTo(10.0, true)) << "it is seen";
-  EXPECT_FALSE(divergeTo(12.9, false));
-  expectEnding(divergeTo(13.1, false), Result::VISION_LOST);
-}
-
 // Nobody would see that the arm is free: the path would stand still without end.
 TEST_F(GoalWatchTest, APathThatAContactHoldsEndsWhereTheArmIsNoLongerSeen) {
   for (const bool required : {false, true}) {
@@ -290,14 +272,6 @@ TEST_F(GoalWatchTest, APathThatAContactHoldsEndsWhereTheArmIsNoLongerSeen) {
     expectEnding(turn(504, LoopState::kOpen, true), Result::VISION_LOST,
                  {"it looks like a contact", "camera", "vision_status", "mend that"});
   }
-}
-
-TEST_F(GoalWatchTest, VisionThatIsRequiredIsLostWhereItIsDoubtful) {
-  ASSERT_FALSE(runTo(1.0));
-  GoalWatch any({}, kEnd, contact);
-  EXPECT_FALSE(any.turn(101, turnAt(1.0, LoopState::kDoubtful)));
-  expectEnding(watch_.turn(101, turnAt(1.0, LoopState::kDoubtful)), Result::VISION_LOST,
-               {"~reset"});
 }
 
 TEST_F(GoalWatchTest, APathThatTheLoopGivesUpEndsInContact) {
@@ -393,38 +367,6 @@ TEST(FittedTags, AreIndicesOfTheLayoutInAscendingOrder) {
   EXPECT_EQ(fittedTags(detections, layout), (Indices{0, 1}));
   detections.tags.push_back(detection(40, true));
   EXPECT_FALSE(fittedTags(detections, layout)) << "of another layout";
-}
-
-struct Stamped {
-  ObservationFault fault;
-  double lead;        // over the last reading [s]
-  const char* words;  // what is told; empty if the stamp is not to blame
-};
-
-TEST(LoopDiagnostics, AWrongStampIsNamedUntilTheNextPicture) {
-  const estimation::ArmFilter filter(statics::ArmModel(test::ringArm(test::helicalRing())), {});
-  LoopDiagnostics pictures;
-  EXPECT_EQ(pictures.wrongStamp(), "");
-  const Stamped stamps[] = {
-      {ObservationFault::kFuture, 1.004, "stamped 1.00 s after the last reading"},
-      {ObservationFault::kNone, -0.05, ""},
-      {ObservationFault::kTooOld, -1.06, "stamped 1.06 s before the last reading"},
-      {ObservationFault::kOutlier, -0.05, ""},
-      // The clock of the pressures is the one that is behind.
-      {ObservationFault::kTooOld, 0.94, "stamped 0.94 s after the last reading"},
-      {ObservationFault::kNotNewer, -0.5, ""},
-  };
-  for (const Stamped& stamp : stamps) {
-    pictures.saw(100.0, stamp.lead, {stamp.fault, 0.0}, filter, true);
-    const std::string& told = pictures.wrongStamp();
-    EXPECT_NE(told.find(stamp.words), std::string::npos) << told;
-    EXPECT_EQ(told.empty(), *stamp.words == '\0') << told;
-    if (told.empty()) continue;
-    EXPECT_NE(told.find(estimation::nameOf(stamp.fault)), std::string::npos) << told;
-    EXPECT_NE(told.find("synchronise the clocks"), std::string::npos) << told;
-  }
-  EXPECT_EQ(pictures.accepted(), 1U);
-  EXPECT_EQ(pictures.refused(), 5U);
 }
 
 class CalibrationWatchTest : public ::testing::Test {
