@@ -154,20 +154,5 @@ class PlotReport(unittest.TestCase):
         path["follow"]["runs"] = []
         self.assert_refused(path, "follow has 200 wanted tips and 0 runs; expected some")
 
-    def test_recorded_runs_show_their_pressures_too(self):
-        record = circle_runs()
-        follow = record["follow"]
-        del follow["blind_s"]
-        follow["runs"][0]["kind"], follow["runs"][1]["kind"] = "model", "measured"
-        follow["pressures"] = {"names": ["muscle_1", "muscle_2"], "time_s": [0.04 * i for i in range(50)],
-                               "command_pa": [[1e5 + 1e3 * i, 5e4] for i in range(50)],
-                               "measured_pa": [[1e5 + 9e2 * i, 5e4] for i in range(50)]}
-        inked = self.picture(record)
-        self.assertGreater(inked[2 * len(inked) // 3:].mean(), 0.01)
-        self.assertIn(b"helix_arm plot_report", self.target.read_bytes()[:256], "FileAccess looks for it")
-        follow["pressures"]["measured_pa"][7] = [1e5]
-        self.assert_refused(record, "follow.pressures.measured_pa is malformed; expected one pressure per name in each of 50 rows")
-
-
 if __name__ == "__main__":
     unittest.main()

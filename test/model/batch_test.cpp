@@ -196,28 +196,6 @@ TEST(Batch, LargeBatchesAreTheSameAtEveryAlignment) {
   }
 }
 
-TEST(Batch, RowsAreReadWhateverTheirStrides) {
-  for (const int actuators : {1, 2, 3, 4, 5}) {
-    const Arm arm = test::ringArm(test::straightRing(actuators));
-    const std::vector<std::vector<double>> q = randomColumns(arm, 700, 81);
-    const std::vector<double> expected = tipsOf(TipBatch(arm), q);
-    // Columns in reverse order, two numbers apart, with a gap between rows.
-    const int width = 2 * actuators + 3;
-    std::vector<double> wide(700 * width, std::nan(""));
-    const std::vector<double> by_columns = joined(q);
-    for (std::size_t j = 0; j < 700; ++j) {
-      for (int i = 0; i < actuators; ++i) wide[j * width + 2 * (actuators - 1 - i)] = q[i][j];
-    }
-    constexpr auto kNumber = static_cast<std::ptrdiff_t>(sizeof(double));
-    std::vector<double> tips(3 * 700);
-    EXPECT_TRUE(TipBatch(arm).rows({&wide[2 * (actuators - 1)], width * kNumber, -2 * kNumber}, 700,
-                                   tips.data()));
-    EXPECT_EQ(tips, expected) << actuators;
-    EXPECT_TRUE(TipBatch(arm).rows(columnsOf(by_columns, 700), 700, tips.data()));
-    EXPECT_EQ(tips, expected) << actuators;
-  }
-}
-
 // A muscle with a table, a tendon and a polynomial.
 Arm tableArm(int sections = 1) {
   Section section = test::ringSection(test::straightRing(), test::fig3Muscle());

@@ -163,18 +163,6 @@ TEST(CameraPlacing, TooFewTagsAreRefused) {
   EXPECT_EQ(placeCamera(scene, modelShape(scene), {tags}).reason.substr(0, 6), "2 tags");
 }
 
-TEST(CameraPlacing, TagsThatFitNoPoseAreRefused) {
-  const io::Scene scene = demo();
-  Random random(6);
-  std::vector<TagDetection> tags = look(draw(scene, random, 0), 0.2, random);
-  for (TagDetection& tag : tags) {
-    tag.corners.colwise() += Eigen::Vector2d(80 * random.normal(), 80 * random.normal());
-  }
-  const CameraPlacing placed = placeCamera(scene, modelShape(scene), {tags});
-  EXPECT_FALSE(placed.success);
-  EXPECT_TRUE(test::has(placed.reason, "tags.groups"));
-}
-
 TEST(CameraStart, HoldsWithFewerThanHalfOfTheTagsMisplaced) {
   const io::Scene scene = demo();
   Random random(8);

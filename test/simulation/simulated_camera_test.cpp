@@ -169,34 +169,6 @@ estimation::ArmView armView() {
   return view;
 }
 
-// With a body as thin as a hair nothing is hidden; what is then seen of each tag must stay.
-TEST(SimulatedCamera, TheBodyDoesNotCoverTagsThatFaceTheCamera) {
-  const estimation::ArmView view = armView();
-  const vision::TagFamily family("36h11");
-  const model::Arm arm = ringArm(helicalRing());
-  SimulatedCamera thick(view, family, ArmBody{{0.035}}, sharpConfig());
-  SimulatedCamera thin(view, family, ArmBody{{1e-6}}, sharpConfig());
-  Random random(8);
-  int tags = 0;
-  for (int i = 0; i < 20; ++i) {
-    const model::Twists twists = arm.twists(randomInput(arm, random));
-    const cv::Mat &with = thick.render(twists), &without = thin.render(twists);
-    EXPECT_GT(cv::norm(with, without, cv::NORM_L1), 1e5);
-    for (const estimation::TagImage& observation : estimation::visibleTags(view, twists, 0.35)) {
-      cv::Mat mask = cv::Mat::zeros(with.size(), CV_8UC1);
-      cv::Point corners[4];
-      for (int c = 0; c < 4; ++c) {
-        corners[c] = {static_cast<int>(std::lround(observation.corners(0, c))),
-                      static_cast<int>(std::lround(observation.corners(1, c)))};
-      }
-      cv::fillConvexPoly(mask, corners, 4, 255);
-      EXPECT_EQ(cv::norm(with, without, cv::NORM_INF, mask), 0) << "tag " << observation.tag;
-      ++tags;
-    }
-  }
-  EXPECT_GT(tags, 100);
-}
-
 TEST(SimulatedCamera, TheBodyHidesWhatIsBehindIt) {
   estimation::ArmView view = armView();
   const vision::TagFamily family("36h11");
