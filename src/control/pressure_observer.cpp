@@ -12,11 +12,12 @@ namespace {
 
 constexpr char kObserver[] = "pressure observer";
 constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
-constexpr int kMostMoments = 1024;      // kMemory of readings at 1000 Hz
+constexpr int kMostMoments = 4096;      // more than kMemory of readings at 1000 Hz
 constexpr double kRestlessness = 50.0;  // per turn, deviation of what the lag does not model [Pa]
 // How far ahead of the readings it looks: at least so much, and so many of their periods.
 constexpr double kPatience = 0.05;  // [s]
 constexpr double kPatientPeriods = 1.5;
+constexpr double kMostPatience = 1.0;    // [s]
 constexpr double kLagUncertainty = 0.2;  // of a change that the lag predicts
 
 // Not so if it is NaN.
@@ -68,7 +69,7 @@ bool PressureObserver::ahead(double time, Estimate& out) const {
   if (count_ == 0) return false;
   const double period = count_ > 1 ? moment(0).time - moment(1).time : 0.0;
   const double dt = time - moment(0).time;
-  if (!(dt >= 0 && dt <= std::min(std::max(kPatience, kPatientPeriods * period), kMemory))) {
+  if (!(dt >= 0 && dt <= std::min(std::max(kPatience, kPatientPeriods * period), kMostPatience))) {
     return false;
   }
   out = now_;

@@ -107,6 +107,8 @@ Eigen::MatrixXd ArmSwing::noise(double part, const estimation::ArmFilter& tracke
   return out;
 }
 
+double ArmSwing::lagDoubt() const { return kLagError * response_.lag().deviation; }
+
 Eigen::MatrixXd ArmSwing::lagNoise(const estimation::ArmFilter& tracker) const {
   Eigen::MatrixXd out = Eigen::MatrixXd::Zero(6 * sections_, 6 * sections_);
   const auto& step = tracker.lastStep();

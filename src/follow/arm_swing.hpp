@@ -39,7 +39,9 @@ class ArmSwing {
   Eigen::VectorXd possible(const estimation::ArmFilter& tracker) const;
   /// Covariance of twists (6 sections x 6 sections) by a swing of this part of its peak.
   Eigen::MatrixXd noise(double part, const estimation::ArmFilter& tracker) const;
-  /// Covariance of twists by the error of the lag.
+  /// By how much the lag may be off [s].
+  double lagDoubt() const;
+  /// Covariance of twists by that.
   Eigen::MatrixXd lagNoise(const estimation::ArmFilter& tracker) const;
 
  private:

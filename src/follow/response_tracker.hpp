@@ -159,7 +159,7 @@ class ResponseTracker {
   void release() { asked_.setConstant(-std::numeric_limits<double>::infinity()); }
 
  private:
-  static constexpr int kMostTurns = 512;     // more than the observer's memory at 200 Hz
+  static constexpr int kMostTurns = 512;     // more than a second at 500 Hz, and than a replay
   static constexpr double kCrossing = 0.05;  // time constant of a play that is crossed [s]
   static constexpr double kLed = 0.5;        // part of the lags, which are known roughly
   static constexpr double kReplayed = 0.01;  // step of a replay [s]

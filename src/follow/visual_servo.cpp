@@ -29,6 +29,7 @@ constexpr double kClosingTime = 0.5;     // [s]
 constexpr double kSureTip = 0.01;        // largest uncertainty at which the loop closes [m]
 constexpr double kFadeTime = 1.0 / 3.0;  // time constant of values that fade within a second [s]
 constexpr double kLongestTurn = 1.0;     // a longer pause counts as this [s]
+constexpr double kOldestPicture = 1.0;   // before the readings [s]
 constexpr double kShortApproach = 0.04;  // of 2 mm; a path then begins immediately [s]
 constexpr double kArrived = 3e3;         // of the command, all effective pressures [Pa]
 constexpr double kFaded = 3.0;           // time constants after which 5 % of a lag are left
@@ -304,6 +305,9 @@ struct VisualServo::Workspace {
     using estimation::ObservationFault;
     if (!std::isfinite(stamp) || !std::isfinite(now)) return ObservationFault::kNotFinite;
     if (stamp > now) return ObservationFault::kFuture;
+    if (observer.started() && stamp < observer.time() - kOldestPicture) {
+      return ObservationFault::kTooOld;
+    }
     const bool known = observer.at(stamp, at_picture) || observer.ahead(stamp, at_picture);
     if (!known) return ObservationFault::kTooOld;
     response.apply(stamp, at_picture);
@@ -323,8 +327,46 @@ struct VisualServo::Workspace {
     swing.learn(measured, tracker, contact.load().contact || doubts());
     response.learn(swing.response());
     if (const auto& lagged = swing.response().begunAnew()) {
-      response.restart(stamp, *lagged, observer);
+      if (!learnAgain()) response.restart(stamp, *lagged, observer);
     }
+  }
+
+  // Remembers a picture that the tracker is about to see, while the observer has the pressures of
+  // all since the first one.
+  void remember(const estimation::ArmFilter::Input& picture) {
+    if (!response.learns() || !remembers) return;
+    if (first_pictures.empty()) before_pictures = tracker.state();
+    first_pictures.push_back(picture);
+    remembers = first_pictures.front().time >= observer.earliest();
+    if (!remembers) first_pictures.clear();
+  }
+  void forgetPictures() {
+    first_pictures.clear();
+    remembers = true;
+  }
+
+  // With another lag, the first pictures show the arm at other pressures than those that the
+  // tracker compared them with. Returns false if they are not remembered.
+  bool learnAgain() {
+    if (first_pictures.empty() || !observer.at(observer.earliest(), moment)) return false;
+    response.restart(observer.earliest(), moment.pressure, observer);
+    tracker.setState(before_pictures);
+    tracker.forgetTime();
+    const double doubt = swing.lagDoubt();
+    Eigen::VectorXd rate = Eigen::VectorXd::Zero(arm.actuatorCount());
+    const estimation::ArmFilter::Input* last = nullptr;
+    for (estimation::ArmFilter::Input& picture : first_pictures) {
+      observer.at(picture.time, moment);
+      response.apply(picture.time, moment);
+      picture.pressure = moment.pressure;
+      if (last && picture.time > last->time) {
+        rate = (picture.pressure - last->pressure) / (picture.time - last->time);
+      }
+      picture.variance = moment.variance + (doubt * rate).cwiseAbs2();
+      tracker.see(picture);
+      last = &picture;
+    }
+    return true;
   }
 
   // The measured tip with the wanted one at the time of the picture.
@@ -386,6 +428,10 @@ struct VisualServo::Workspace {
   control::PressureObserver::Estimate at_picture;
   estimation::ArmFilter::Input seen;
   ArmSwing swing;
+  // Of an arm whose lag is learnt: its first pictures, and what the tracker knew before them.
+  std::vector<estimation::ArmFilter::Input> first_pictures;
+  estimation::Gaussian before_pictures;
+  bool remembers = true;
   control::PressureObserver::Estimate moment;
   Eigen::VectorXd commanded;    // effective pressures of the last command (n) [Pa]
   Eigen::VectorXd held_back;    // of the last step (n) [Pa]
@@ -455,6 +501,7 @@ void VisualServo::reset() {
   w.budget.reset();
   w.forgetContact();
   w.swing.reset();
+  w.forgetPictures();
   w.memory.clear();
   w.response.learn(w.swing.response());
   w.estimated.set(w.tracker.correction());
@@ -481,6 +528,7 @@ const Turn& VisualServo::reading(double time, const Eigen::VectorXd& set_point,
     w.tracker.forgetTime();
     w.watch.forgetTime();
     w.wanted.clear();
+    w.forgetPictures();
     w.memory.clear();
     w.divergence.clear();
     w.sight.forgetTime();
@@ -543,6 +591,7 @@ estimation::Observation VisualServo::picture(double stamp, double now, const mod
   // The watch has none of the lag's noise, in which a camera that slips would hide.
   w.seen = input;
   w.seen.covariance += w.swing.lagNoise(w.tracker);
+  w.remember({stamp, input.pressure, input.variance, twists, covariance});
   out = w.tracker.see(w.seen);
   if (!out.accepted()) return out;
   w.learnMode(stamp, twists);

@@ -23,7 +23,7 @@ constexpr double kMemory = 15.0;   // of the comparison [s]
 // A mode counts if it leaves this part of the residual without one, or with the strongest damping.
 constexpr double kClear = 0.5;
 // Likewise a lag, of the residual of another one, for so long from the start on [s].
-constexpr double kClearLag = 0.33;
+constexpr double kClearLag = 0.5;
 constexpr double kEarly = 3.0;
 constexpr double kLeastPictures = 20.0;
 constexpr double kDirections = 2.0;  // of the motion that are independent
@@ -191,13 +191,12 @@ void ModeEstimator::judge() {
 }
 
 // Place of the hypothesis of a mode among those of a lag.
-Eigen::Index ModeEstimator::placeOf(const std::optional<Mode>& mode) const {
+Eigen::Index ModeEstimator::placeOf(const Mode& mode) const {
   const Eigen::Index none = turn_.size() / lags_.size() - 1;
-  if (!mode) return none;
   const Eigen::ArrayXd turns = turn_.head(none), dampings = damping_.head(none);
   Eigen::Index place = 0;
-  ((turns / (2 * basics::kPi * mode->frequency)).log().abs() / std::log(kFrequencyStep) +
-   (dampings / mode->damping).log().abs())
+  ((turns / (2 * basics::kPi * mode.frequency)).log().abs() / std::log(kFrequencyStep) +
+   (dampings / mode.damping).log().abs())
       .minCoeff(&place);
   return place;
 }
@@ -206,7 +205,11 @@ std::optional<ModeEstimator::Late> ModeEstimator::otherLag(double lag,
                                                            const std::optional<Mode>& mode) const {
   if (compared_for_ > kEarly || lags_.size() < 3) return std::nullopt;
   const Eigen::Index modes = turn_.size() / lags_.size();
-  const Eigen::ArrayXd residual = residual_(Eigen::seqN(placeOf(mode), lags_.size(), modes));
+  Eigen::ArrayXd residual(lags_.size());
+  for (Eigen::Index i = 0; i < lags_.size(); ++i) {
+    const auto of_lag = residual_.segment(i * modes, modes);
+    residual[i] = mode ? of_lag[placeOf(*mode)] : of_lag.minCoeff();
+  }
   Eigen::Index best = 0, after = 1;
   const double least = residual.minCoeff(&best);
   if (best == 0 || best == lags_.size() - 1) return std::nullopt;  // it may be beyond

@@ -185,7 +185,7 @@ void ResponseEstimator::compare(const Eigen::VectorXd& measured,
     if (!swings_ || (isOther(state_[gains_ + 3]) && isOther(begun_))) begin(*found);
   }
   // Derivatives hold near by alone.
-  if (const auto late = known_ ? std::nullopt : modes_.otherLag(lag().value, mode())) {
+  if (const auto late = known_ ? std::nullopt : modes_.otherLag(lag().value, told_)) {
     beginAnew(*late);
   }
   setChains();

@@ -124,6 +124,13 @@ TEST(ResponseEstimator, ALongLagIsKnownFromTheFirstStep) {
   }
 }
 
+// The begin of a slow swing looks like a lag of 0.3 s.
+TEST(ResponseEstimator, ASlowModeIsNotTakenForALag) {
+  for (double time = 0.5; time < 3; time += 0.25) {
+    EXPECT_LT(after(time, {0.1, Mode{1.5, 0.05}}, false).lag().value, 0.2) << time;
+  }
+}
+
 TEST(ResponseEstimator, AnArmThatOnlyLagsHasNoMode) {
   for (const double lag : {0.0, 0.07, 0.15, 0.3}) {
     EXPECT_FALSE(after(20, {lag}, false).mode()) << lag;

@@ -19,7 +19,7 @@ class PressureObserver {
   };
 
   /// Time for which estimates are kept [s].
-  static constexpr double kMemory = 1.0;
+  static constexpr double kMemory = 3.0;
 
   /// @param channels       >= 1.
   /// @param time_constant  of the regulator's lag, > 0 [s].
@@ -46,7 +46,7 @@ class PressureObserver {
   /// `out` as it is, for times after the newest or before the oldest estimate.
   bool at(double time, Estimate& out) const;
   /// Estimates at a time after the newest one, if the set point stays what it was. Looks at least
-  /// 50 ms ahead, 1.5 periods of the readings if that is longer, at most kMemory; returns false,
+  /// 50 ms ahead, 1.5 periods of the readings if that is longer, at most a second; returns false,
   /// and leaves `out` as it is, for other times.
   bool ahead(double time, Estimate& out) const;
 

@@ -63,8 +63,9 @@ class ModeEstimator {
     double lag, deviation;  ///< [s]
     Eigen::VectorXd lagged;
   };
-  /// The lag that explains the motion best with this mode, or with none; nothing where it explains
-  /// it hardly better than the given one, and once pictures have been compared for 3 s.
+  /// The lag that explains the motion best: with this mode, or each lag with the mode or none that
+  /// suits it best, so that no slow mode passes for a lag. Nothing where that explains the motion
+  /// hardly better than the given lag, and once pictures have been compared for 3 s.
   std::optional<Late> otherLag(double lag, const std::optional<Mode>& mode) const;
   /// Most that a mode which the pictures have not refuted, at a damping of 0.16, adds to the
   /// lengths after their rates have changed (n) [m].
@@ -73,7 +74,7 @@ class ModeEstimator {
  private:
   void restart(const Eigen::VectorXd& pressure);
   void step(const Eigen::VectorXd& pressure, double dt);
-  Eigen::Index placeOf(const std::optional<Mode>& mode) const;
+  Eigen::Index placeOf(const Mode& mode) const;
   void judge();
   void findPossible(double dt);
   void choose();
