@@ -115,9 +115,8 @@ constexpr double kRankThreshold = 1e-8;
 using Coefficients = Eigen::Matrix<double, kCoefficients, 1>;
 using Matrix6 = Eigen::Matrix<double, kCoefficients, kCoefficients>;
 
-ContractionFit failed(ContractionFitStatus status, std::string reason) {
+ContractionFit failed(std::string reason) {
   ContractionFit fit;
-  fit.status = status;
   fit.reason = std::move(reason);
   return fit;
 }
@@ -127,32 +126,29 @@ std::string shortestReason(double length) {
                    " m; expected lengths > 0: correct the samples");
 }
 
-std::optional<ContractionFit> checkSamples(const std::vector<LengthSample>& samples) {
+// The first sample that is none, as a reason; empty if there is none.
+std::string faultOf(const std::vector<LengthSample>& samples) {
   for (std::size_t i = 0; i < samples.size(); ++i) {
     const auto [pressure, length] = samples[i];
+    const std::string at = messageOf("sample ", i + 1, ": the ");
     if (!std::isfinite(pressure)) {
-      return failed(ContractionFitStatus::kNotFinite,
-                    messageOf("sample ", i + 1, ": the pressure is ", pressure,
-                              "; expected a finite value; correct it or leave it out"));
+      return messageOf(at, "pressure is ", pressure,
+                       "; expected a finite value; correct it or leave it out");
     }
     if (!(std::isfinite(length) && length > 0)) {
-      return failed(ContractionFitStatus::kNotFinite,
-                    messageOf("sample ", i + 1, ": the length is ", length,
-                              " m; expected a finite value > 0; correct it or leave it out"));
+      return messageOf(at, "length is ", length,
+                       " m; expected a finite value > 0; correct it or leave it out");
     }
     if (length < kShortest || length > kLongest) {
-      return failed(ContractionFitStatus::kOutOfRange,
-                    messageOf("sample ", i + 1, ": the length is ", length, " m; expected ",
-                              kShortest, " to ", kLongest, " m", unitOfLength(length)));
+      return messageOf(at, "length is ", length, " m; expected ", kShortest, " to ", kLongest, " m",
+                       unitOfLength(length));
     }
     if (pressure < 0) {
-      return failed(ContractionFitStatus::kOutOfRange,
-                    messageOf("sample ", i + 1, ": the pressure is ", pressure,
-                              " Pa; expected gauge pressures >= 0; set readings of a vented muscle "
-                              "to 0"));
+      return messageOf(at, "pressure is ", pressure,
+                       " Pa; expected gauge pressures >= 0; set readings of a vented muscle to 0");
     }
   }
-  return std::nullopt;
+  return {};
 }
 
 // Samples of the branch, sorted by pressure; lengths at one pressure are averaged.
@@ -185,25 +181,24 @@ Knots knotsOf(const std::vector<LengthSample>& samples, const std::vector<bool>&
 
 // Slope of the line through the samples of the branch [m/Pa]; 0 if it is not significant.
 double trendOf(const std::vector<LengthSample>& samples, const std::vector<bool>& counts) {
-  double n = 0, mean_p = 0, mean_l = 0;
+  std::vector<double> pressures, lengths;
   for (std::size_t i = 0; i < samples.size(); ++i) {
     if (!counts[i]) continue;
-    n += 1;
-    mean_p += (samples[i].pressure - mean_p) / n;
-    mean_l += (samples[i].length - mean_l) / n;
+    pressures.push_back(samples[i].pressure);
+    lengths.push_back(samples[i].length);
   }
-  double pp = 0, pl = 0, ll = 0;
-  for (std::size_t i = 0; i < samples.size(); ++i) {
-    if (!counts[i]) continue;
-    const double p = samples[i].pressure - mean_p, l = samples[i].length - mean_l;
-    pp += p * p;
-    pl += p * l;
-    ll += l * l;
-  }
-  const double slope = pl / pp;
+  const auto n = static_cast<Eigen::Index>(pressures.size());
+  Eigen::VectorXd p = Eigen::VectorXd::Map(pressures.data(), n);
+  Eigen::VectorXd l = Eigen::VectorXd::Map(lengths.data(), n);
+  const double mean_length = l.mean();
+  p.array() -= p.mean();
+  l.array() -= mean_length;
+  const double slope = p.dot(l) / p.squaredNorm();
   // Lengths that differ only by rounding have no slope.
-  if (ll <= n * std::pow(1e-12 * mean_l, 2)) return 0;
-  const double variance = n > 2 ? std::max(0.0, ll - slope * pl) / (n - 2) / pp : 0;
+  if (l.squaredNorm() <= static_cast<double>(n) * std::pow(1e-12 * mean_length, 2)) return 0;
+  const double freedom = static_cast<double>(n) - 2;
+  const double variance =
+      freedom > 0 ? (l - slope * p).squaredNorm() / freedom / p.squaredNorm() : 0;
   return std::abs(slope) > kLeastTrend * std::sqrt(variance) ? slope : 0;
 }
 
@@ -268,7 +263,6 @@ ContractionFit fitQuintic(const Knots& knots, double trend) {
   const double first = knots.pressure.front(), last = knots.pressure.back();
   if (first > kNearZero * last) {
     return failed(
-        ContractionFitStatus::kOutOfRange,
         messageOf("the smallest pressure is ", first, " Pa; expected at most ", kNearZero,
                   " of the largest, ", last,
                   " Pa, since a quintic begins at 0: measure the vented muscle too, or fit "
@@ -276,8 +270,7 @@ ContractionFit fitQuintic(const Knots& knots, double trend) {
   }
   const auto n = static_cast<Eigen::Index>(knots.size());
   if (n < kCoefficients) {
-    return failed(ContractionFitStatus::kTooFewPressures,
-                  messageOf("distinct pressures: ", n, "; expected at least ", kCoefficients,
+    return failed(messageOf("distinct pressures: ", n, "; expected at least ", kCoefficients,
                             " for a quintic: measure at more, or fit a table"));
   }
   Eigen::Matrix<double, Eigen::Dynamic, kCoefficients> A(n, kCoefficients);
@@ -292,8 +285,7 @@ ContractionFit fitQuintic(const Knots& knots, double trend) {
   const Matrix6 R = decomposition.matrixQR().topRows<kCoefficients>();
   const auto diagonal = R.diagonal().cwiseAbs();
   if (diagonal.minCoeff() <= kRankThreshold * diagonal.maxCoeff()) {
-    return failed(ContractionFitStatus::kTooFewPressures,
-                  messageOf(n, " pressures, too close together to determine the ", kCoefficients,
+    return failed(messageOf(n, " pressures, too close together to determine the ", kCoefficients,
                             " coefficients of a quintic: spread them, or fit a table"));
   }
   const Coefficients z = (decomposition.householderQ().adjoint() * y).head<kCoefficients>();
@@ -313,7 +305,7 @@ ContractionFit fitQuintic(const Knots& knots, double trend) {
   fit.reference_pressure = last;
   Coefficients::Map(fit.coefficients.data()) = solution.c;
   const double shortest = trend < 0 ? solution.c.sum() : solution.c[0];
-  if (!(shortest > 0)) return failed(ContractionFitStatus::kOutOfRange, shortestReason(shortest));
+  if (!(shortest > 0)) return failed(shortestReason(shortest));
   fit.curve = model::Contraction::quintic(fit.coefficients, last, last);
   return fit;
 }
@@ -353,7 +345,7 @@ ContractionFit fitTable(const Knots& knots, double trend) {
     }
   }
   const double shortest = std::min(fit.lengths.front(), fit.lengths.back());
-  if (!(shortest > 0)) return failed(ContractionFitStatus::kOutOfRange, shortestReason(shortest));
+  if (!(shortest > 0)) return failed(shortestReason(shortest));
   fit.curve = model::Contraction::table(fit.pressures, fit.lengths);
   return fit;
 }
@@ -385,14 +377,12 @@ ContractionFit curveOf(const std::vector<LengthSample>& samples, const std::vect
     const char* const where = options.branch == Branch::kBoth     ? ""
                               : options.branch == Branch::kRising ? " on the rising branch"
                                                                   : " on the falling branch";
-    return failed(ContractionFitStatus::kTooFewPressures,
-                  messageOf("distinct pressures", where, ": ", knots.size(), "; expected at least ",
+    return failed(messageOf("distinct pressures", where, ": ", knots.size(), "; expected at least ",
                             quintic ? kCoefficients : 2, ": measure at more"));
   }
   const double trend = trendOf(samples, counts);
   if (trend == 0) {
     return failed(
-        ContractionFitStatus::kNoTrend,
         messageOf("the lengths neither rise nor fall with pressure; expected a linear trend of "
                   "at least ",
                   kLeastTrend, " of its standard errors: check which column is which"));
@@ -409,7 +399,7 @@ ContractionFit fittedCurve(const std::vector<LengthSample>& samples,
     fit.kind = options.kind;
     return fit;
   };
-  if (const auto fault = checkSamples(samples)) return of_kind(*fault);
+  if (const std::string fault = faultOf(samples); !fault.empty()) return of_kind(failed(fault));
   const std::vector<Branches> branches = branchesOf(samples);
   std::vector<bool> counts;
   for (const Branches& on : branches) {
@@ -418,7 +408,6 @@ ContractionFit fittedCurve(const std::vector<LengthSample>& samples,
   }
   ContractionFit fit = of_kind(curveOf(samples, counts, options, given));
   if (!fit.curve) return fit;
-  fit.status = ContractionFitStatus::kFitted;
 
   fit.residual = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(samples.size()));
   std::vector<double> rising, falling;  // residuals of samples on one branch only

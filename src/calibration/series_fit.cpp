@@ -106,8 +106,7 @@ class SeriesJob {
     const Rough rough = roughFit(X_FB_, {});
     const SeriesProblem problem(prior_, recording_, options_, {}, X_FB_);
     const Eigen::MatrixXd about = recording_.aboutOffsets(problem.deviationAt(rough.z));
-    const SeriesResidual residual =
-        recording_.residualOf(about, about, std::vector<bool>(recording_.used.size(), true));
+    const SeriesResidual residual = recording_.residualOf(about, about);
     return {residual.rms, residual.rms_turn, problem.rotationsAt(rough.z)};
   }
 
@@ -307,7 +306,7 @@ class SeriesJob {
   void chooseBase() {
     const SeriesProblem problem(prior_, recording_, options_, {}, X_FB_);
     std::vector<Rough> found;
-    for (const Eigen::Matrix3d& axes : quarterTurns()) {
+    for (const Eigen::Matrix3d& axes : axisTurns()) {
       if (const auto X_FB = problem.baseWith(axes)) found.push_back(roughFit(*X_FB, {}));
     }
     std::sort(found.begin(), found.end(),
@@ -348,23 +347,6 @@ class SeriesJob {
     const lie::SE3 between = a.X_FB.inverse() * b.X_FB;
     return between.log().tail<3>().norm() < kNearTurn &&
            between.translation.norm() < kNearPlace * prior_.model.arm().restLength();
-  }
-
-  // The 24 rotations that exchange axes.
-  static std::vector<Eigen::Matrix3d> quarterTurns() {
-    std::vector<Eigen::Matrix3d> out;
-    for (int a = 0; a < 3; ++a) {
-      for (int b = 0; b < 3; ++b) {
-        for (int signs = 0; a != b && signs < 4; ++signs) {
-          Eigen::Matrix3d turn = Eigen::Matrix3d::Zero();
-          turn(a, 0) = signs % 2 == 0 ? 1 : -1;
-          turn(b, 1) = signs / 2 == 0 ? 1 : -1;
-          turn.col(2) = turn.col(0).cross(turn.col(1));
-          out.push_back(turn);
-        }
-      }
-    }
-    return out;
   }
 
   void report(const Fitted& fit, SeriesFit& out) const {
@@ -408,9 +390,8 @@ class SeriesJob {
     out.beam = now.places.beam;
     if (now.response) out.response = *now.response;
     const Eigen::MatrixXd deviation = problem.deviationAt(fit.at.z);
-    const std::vector<bool> all(recording_.used.size(), true);
     const SeriesResidual residual =
-        recording_.residualOf(deviation, recording_.aboutOffsets(deviation), all);
+        recording_.residualOf(deviation, recording_.aboutOffsets(deviation));
     out.rms = residual.rms;
     out.rms_about_offset = residual.rms_about_offset;
     out.rms_turn = residual.rms_turn;
@@ -425,7 +406,6 @@ class SeriesJob {
       if (now.lengths[c].empty()) continue;
       ContractionFit& table =
           out.curves.emplace_back(recording_.curves[c].name, ContractionFit()).second;
-      table.status = ContractionFitStatus::kFitted;
       table.kind = CurveKind::kTable;
       table.pressures = recording_.curves[c].knots;
       table.lengths = now.lengths[c];

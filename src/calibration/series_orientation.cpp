@@ -65,11 +65,6 @@ Eigen::Matrix3d rotationOf(const Eigen::Vector3d& vector) {
   return lie::SO3::exp(vector).quaternion.toRotationMatrix();
 }
 
-Eigen::Matrix3d withScalarFirst(const Eigen::Matrix3d& R) {
-  const Eigen::Quaterniond q(R);
-  return Eigen::Quaterniond(q.x(), q.y(), q.z(), q.w()).toRotationMatrix();
-}
-
 Eigen::Matrix3d mirrored(const Eigen::Matrix3d& R, int axis) {
   Eigen::Vector3d signs = Eigen::Vector3d::Ones();
   signs[axis] = -1;

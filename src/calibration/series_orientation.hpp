@@ -4,6 +4,8 @@
 #include <string>
 #include <vector>
 
+#include "helix_arm/localization/body_check.hpp"
+
 /// Orientations of a body that the tip carries, against those of the tip.
 namespace helix_arm::estimation {
 
@@ -16,8 +18,6 @@ Eigen::Matrix3d nearestRotation(const Eigen::Matrix3d& matrix);
 Eigen::Vector3d rotationVector(const Eigen::Matrix3d& R);
 Eigen::Matrix3d rotationOf(const Eigen::Vector3d& vector);
 
-/// The rotation of a quaternion that was read as (x, y, z, w), but has w first.
-Eigen::Matrix3d withScalarFirst(const Eigen::Matrix3d& R);
 /// The rotation seen in frames in which one axis points the other way.
 Eigen::Matrix3d mirrored(const Eigen::Matrix3d& R, int axis);
 

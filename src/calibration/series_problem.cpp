@@ -105,14 +105,14 @@ void setModel(SeriesModel& out) {
                         planar ? statics::TierSetting{statics::Tier::kLinear, 0} : setting);
 }
 
-// (used) tips seen from the base, of the rows that are asked for.
+// (used) tips seen from the base, of the rows that are asked for; empty: all.
 std::vector<lie::SE3> tipsOf(const SeriesModel& now, const Eigen::MatrixXd& effective,
                              const std::vector<bool>& rows) {
-  std::vector<lie::SE3> out(rows.size());
+  std::vector<lie::SE3> out(static_cast<std::size_t>(effective.rows()));
   Eigen::VectorXd lengths(effective.cols());
   for (Eigen::Index row = 0; row < effective.rows(); ++row) {
     const auto k = static_cast<std::size_t>(row);
-    if (!rows[k]) continue;
+    if (!rows.empty() && !rows[k]) continue;
     for (Eigen::Index i = 0; i < lengths.size(); ++i) {
       const model::Contraction& curve = now.contraction[static_cast<std::size_t>(i)];
       lengths[i] = now.scale[i] *
@@ -291,7 +291,7 @@ SeriesResidual SeriesRecording::residualOf(const Eigen::MatrixXd& deviation,
   const Eigen::MatrixXd places = placesOf(deviation);
   Eigen::RowVectorXd sum = Eigen::RowVectorXd::Zero(places.cols());
   for (Eigen::Index k = 0; k < places.rows(); ++k) {
-    if (!rows[static_cast<std::size_t>(k)]) continue;
+    if (!rows.empty() && !rows[static_cast<std::size_t>(k)]) continue;
     ++out.rows;
     sum += places.row(k);
     out.worst = std::max(out.worst, places.row(k).norm());
@@ -316,7 +316,7 @@ Blocks::Blocks(const std::vector<int>& trial_at, int trials) {
 double rmsOf(const Eigen::MatrixXd& deviation, const std::vector<bool>& rows) {
   double sum = 0, count = 0;
   for (Eigen::Index k = 0; k < deviation.rows(); ++k) {
-    if (!rows[static_cast<std::size_t>(k)]) continue;
+    if (!rows.empty() && !rows[static_cast<std::size_t>(k)]) continue;
     sum += deviation.row(k).squaredNorm();
     ++count;
   }
@@ -335,16 +335,25 @@ SeriesProblem::SeriesProblem(const SeriesPrior& prior, const SeriesRecording& re
       variance_(kFirstCorrelation * std::pow(kFirstNoise * prior.model.arm().restLength(), 2)) {
   addArm();
   addCurves();
-  addPlaces();
+  addRings();
+  if (options.arm.fits(FitParameter::kBase)) addBase();
   addResponse();
   if (recording.lever > 0 && !prior.R_TM) addBody();
   for (int i = 0; form_.body && i < 3; ++i) {
-    add({SeriesNumber::kBodyPlace, SeriesNumber::kItself, std::string("body_") + "xyz"[i], "m",
-         kBodyPlacePrior * prior.model.arm().restLength(),
-         [i](SeriesModel& m) -> double& { return m.shift[i]; },
-         "place of the body and the shape at rest"});
+    addPlace(
+        std::string("body_") + "xyz"[i], "m", kBodyPlacePrior * prior.model.arm().restLength(),
+        "place of the body and the shape at rest",
+        [i](SeriesModel& m) -> double& { return m.shift[i]; },
+        [i](const SeriesModel& m) { return m.places.p_TM[i]; });
   }
   if (options.arm.fits(FitParameter::kBase) && prior.beam) addBeam();
+}
+
+void SeriesProblem::addPlace(const std::string& name, const char* unit, double prior,
+                             const char* untold, const std::function<double&(SeriesModel&)>& entry,
+                             const std::function<double(const SeriesModel&)>& reported) {
+  add({SeriesNumber::kPlace, SeriesNumber::kItself, name, unit, prior, entry, untold});
+  numbers_.back().reported = reported;
 }
 
 void SeriesProblem::addArm() {
@@ -408,8 +417,7 @@ void SeriesProblem::addCurves() {
   }
 }
 
-// Rules of rings and base.
-void SeriesProblem::addPlaces() {
+void SeriesProblem::addRings() {
   const CalibrationOptions& arm = options_.arm;
   for (int k = 0; options_.ring_phase && k < prior_.model.arm().sectionCount(); ++k) {
     const bool told = recording_.lever > 0 && prior_.R_TM;
@@ -419,15 +427,20 @@ void SeriesProblem::addPlaces() {
          "phase of a ring, of which only actuators that move tell"});
   }
   if (form_.phases) addPhases();
-  static const char* const kEntries[] = {"x", "y", "z", "rx", "ry", "rz"};
-  for (int i = 0; arm.fits(FitParameter::kBase) && i < 6; ++i) {
+}
+
+void SeriesProblem::addBase() {
+  for (int i = 0; i < 6; ++i) {
     const bool turn = i >= 3;
-    add({SeriesNumber::kBase, SeriesNumber::kItself, std::string("base_") + kEntries[i],
-         turn ? "rad" : "m",
-         turn ? arm.base_prior.rotation : kBasePrior * prior_.model.arm().restLength(),
-         [i](SeriesModel& m) -> double& { return m.motion[i]; },
-         i == 3 ? "a turn of the base about the arm's axis and the directions of its actuators"
-                : "pose of the base, bend and length of the arm at rest"});
+    addPlace(
+        std::string(turn ? "base_r" : "base_") + "xyz"[i % 3], turn ? "rad" : "m",
+        turn ? options_.arm.base_prior.rotation : kBasePrior * prior_.model.arm().restLength(),
+        i == 3 ? "a turn of the base about the arm's axis and the directions of its actuators"
+               : "pose of the base, bend and length of the arm at rest",
+        [i](SeriesModel& m) -> double& { return m.motion[i]; },
+        [i, &prior = prior_](const SeriesModel& m) {
+          return (prior.X_BF * m.places.X_FB).log()[i];
+        });
   }
 }
 
@@ -451,19 +464,21 @@ void SeriesProblem::addPhases() {
 // The start of the rotation between tip and body is the mean that the motion shows.
 void SeriesProblem::addBody() {
   places_.R_TM = meanBody(rotationsAt(Eigen::VectorXd::Zero(size())), recording_.rotations());
-  static const char* const kEntries[] = {"body_rx", "body_ry", "body_rz"};
   for (int i = 0; i < 3; ++i) {
-    add({SeriesNumber::kBody, SeriesNumber::kItself, kEntries[i], "rad", kBodyPrior,
-         [i](SeriesModel& m) -> double& { return m.turn[i]; }});
+    addPlace(
+        std::string("body_r") + "xyz"[i], "rad", kBodyPrior, nullptr,
+        [i](SeriesModel& m) -> double& { return m.turn[i]; },
+        [i](const SeriesModel& m) { return rotationVector(m.places.R_TM)[i]; });
   }
 }
 
 void SeriesProblem::addBeam() {
-  static const char* const kEntries[] = {"beam_ry", "beam_rz"};
   for (int i = 0; i < 2; ++i) {
-    add({SeriesNumber::kBeam, SeriesNumber::kItself, kEntries[i], "rad", kBeamPrior,
-         [i](SeriesModel& m) -> double& { return m.beam[i]; },
-         "direction of the beam and pose of the base"});
+    addPlace(
+        std::string("beam_r") + "yz"[i], "rad", kBeamPrior,
+        "direction of the beam and pose of the base",
+        [i](SeriesModel& m) -> double& { return m.beam[i]; },
+        [i](const SeriesModel& m) { return (*m.places.beam)[i]; });
   }
 }
 
@@ -544,23 +559,6 @@ SeriesModel SeriesProblem::decode(const Eigen::VectorXd& z) const {
   return out;
 }
 
-double SeriesProblem::valueOf(Eigen::Index k, SeriesModel now) const {
-  const SeriesNumber& one = numbers_[static_cast<std::size_t>(k)];
-  if (one.part == SeriesNumber::kBase) {
-    return (prior_.X_BF * now.places.X_FB).log()[&one.entry(now) - now.motion.data()];
-  }
-  if (one.part == SeriesNumber::kBody) {
-    return rotationVector(now.places.R_TM)[&one.entry(now) - now.turn.data()];
-  }
-  if (one.part == SeriesNumber::kBodyPlace) {
-    return now.places.p_TM[&one.entry(now) - now.shift.data()];
-  }
-  if (one.part == SeriesNumber::kBeam) {
-    return (*now.places.beam)[&one.entry(now) - now.beam.data()];
-  }
-  return one.unit_value * one.entry(now);
-}
-
 void SeriesProblem::setContractions(SeriesModel& out) const {
   const model::Arm& arm = prior_.model.arm();
   out.lengths.resize(recording_.curves.size());
@@ -595,15 +593,13 @@ SeriesEstimate SeriesProblem::at(const Eigen::VectorXd& z) const {
 
 Eigen::MatrixXd SeriesProblem::deviationAt(const Eigen::VectorXd& z) const {
   const SeriesModel now = decode(z);
-  const std::vector<bool> all(takes_part_.size(), true);
-  return recording_.deviation(tipsOf(now, effective(now), all), now.places);
+  return recording_.deviation(tipsOf(now, effective(now), {}), now.places);
 }
 
 Rotations SeriesProblem::rotationsAt(const Eigen::VectorXd& z) const {
   const SeriesModel now = decode(z);
-  const std::vector<bool> all(takes_part_.size(), true);
   Rotations out;
-  for (const lie::SE3& tip : tipsOf(now, effective(now), all)) {
+  for (const lie::SE3& tip : tipsOf(now, effective(now), {})) {
     out.push_back(now.places.X_FB.rotation * tip.rotation);
   }
   return out;
@@ -691,7 +687,7 @@ Eigen::MatrixXd SeriesProblem::jacobian(const SeriesEstimate& one) const {
     const SeriesModel now = decode(z);
     const SeriesNumber& number = numbers_[static_cast<std::size_t>(k)];
     const std::vector<lie::SE3> moved =
-        number.part >= SeriesNumber::kBase && number.part <= SeriesNumber::kBeam
+        number.part == SeriesNumber::kPlace
             ? tips_here
             : tipsOf(now, number.part == SeriesNumber::kResponse ? effective(now) : pressures,
                      takes_part_);

@@ -69,9 +69,9 @@ class SeriesRecording {
   auto placesOf(const Eigen::MatrixXd& deviation) const {
     return deviation.leftCols(measured.cols());
   }
-  /// @param about  the same about the trials' offsets.
+  /// @param about  the same about the trials' offsets. @param rows  empty: all.
   SeriesResidual residualOf(const Eigen::MatrixXd& deviation, const Eigen::MatrixXd& about,
-                            const std::vector<bool>& rows) const;
+                            const std::vector<bool>& rows = {}) const;
 
   const TipSeries& series;
   double lever;                    ///< [m/rad]; 0 without orientations
@@ -101,8 +101,8 @@ struct Blocks {
   std::vector<int> of;  ///< (rows) index of the block
 };
 
-/// Root mean square of the distances of some rows; NaN of none.
-double rmsOf(const Eigen::MatrixXd& deviation, const std::vector<bool>& rows);
+/// Root mean square of the distances of some rows; NaN of none. @param rows  empty: all.
+double rmsOf(const Eigen::MatrixXd& deviation, const std::vector<bool>& rows = {});
 
 /// Which optional parts the model has.
 struct SeriesForm {
@@ -141,7 +141,7 @@ struct SeriesModel {
 
 /// A number of the fit: z, 0 at first.
 struct SeriesNumber {
-  enum Part { kArm, kCurve, kBase, kBody, kBodyPlace, kBeam, kResponse } part;
+  enum Part { kArm, kCurve, kPlace, kResponse } part;  ///< kPlace: of base, body or beam
   /// Its entry is start * exp(z), z itself, or the share of `most` with start's odds times exp(z).
   enum Law { kFactor, kItself, kShare } law;
   std::string name, unit;
@@ -151,6 +151,8 @@ struct SeriesNumber {
   double unit_value = 1.0;       ///< the value is so many times the entry
   double start = 1.0, most = 0.0;
   bool chained = false;  ///< the prior is of the difference from the number before it
+  /// The value as it is reported, if it is not such a multiple.
+  std::function<double(const SeriesModel&)> reported = nullptr;
 };
 
 /// z with the residuals there, in expected standard deviations.
@@ -180,7 +182,10 @@ class SeriesProblem {
 
   SeriesModel decode(const Eigen::VectorXd& z) const;
   /// Value of number k as it is reported; those of curves have none.
-  double valueOf(Eigen::Index k, SeriesModel now) const;
+  double valueOf(Eigen::Index k, SeriesModel now) const {
+    const SeriesNumber& one = numbers_[static_cast<std::size_t>(k)];
+    return one.reported ? one.reported(now) : one.unit_value * one.entry(now);
+  }
   SeriesEstimate at(const Eigen::VectorXd& z) const;
   /// See SeriesRecording; of all used rows.
   Eigen::MatrixXd deviationAt(const Eigen::VectorXd& z) const;
@@ -200,8 +205,12 @@ class SeriesProblem {
   void add(SeriesNumber one) { numbers_.push_back(std::move(one)); }
   void addArm();
   void addCurves();
-  void addPlaces();
+  void addPlace(const std::string& name, const char* unit, double prior, const char* untold,
+                const std::function<double&(SeriesModel&)>& entry,
+                const std::function<double(const SeriesModel&)>& reported);
+  void addRings();
   void addPhases();
+  void addBase();
   void addBody();
   void addBeam();
   void addResponse();

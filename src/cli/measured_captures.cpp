@@ -25,20 +25,15 @@ namespace {
 
 using estimation::FitStatus;
 using estimation::TagLayout;
-using PosesOfTags = std::vector<estimation::PoseObservation>;
-using CornersOfTags = std::vector<estimation::CornerObservation>;
+using procedures::CornersOfTags;
+using procedures::PosesOfTags;
 
-// One capture of tags and the shape fitted to it.
-struct FittedCapture {
+// One capture of tags and the shape fitted to it, which is absent where no shape fits them.
+struct FittedCapture : procedures::FittedShape {
   estimation::Capture measured;   // the tags that the scene has
   std::vector<int> unknown_tags;  // ids that it has not
-  statics::Solution model = {};   // at these pressures
   FitStatus status = FitStatus::kConverged;
   std::string reason = {};  // why it did not converge; empty where it did
-  // Absent where the tags do not determine a shape, or no shape fits most of them.
-  std::optional<estimation::TwistFit> fit = {};
-  // Set where its residuals are far larger than is usual among the captures: that RMS [m].
-  std::optional<double> usual_rms = {};
 
   bool converged() const { return status == FitStatus::kConverged; }
   // Fitted, all its tags agree, and as well as those of the others.
@@ -88,7 +83,7 @@ std::vector<FittedCapture> capturesOf(const io::Scene& scene, const io::DataSet&
   std::vector<FittedCapture> captures;
   if (data.find("x1_px") >= 0) {
     const procedures::LoadedCaptures read = procedures::loadCaptures(scene, data);
-    for (const auto& measured : read.captures) captures.push_back({measured, read.unknown_ids});
+    for (const auto& measured : read.captures) captures.push_back({{}, measured, read.unknown_ids});
     return captures;
   }
   refuseIf(!scene.tags, data.path, " holds tag poses, but scene ", scene.name,
@@ -96,7 +91,7 @@ std::vector<FittedCapture> capturesOf(const io::Scene& scene, const io::DataSet&
   std::map<int, statics::PointLoad> payloads = procedures::payloadsOf(scene, data);
   for (const io::TagPoseCapture& measured :
        io::loadTagPoses(data, scene.arm.actuatorCount(), scene.X_BF)) {
-    FittedCapture capture{{measured.number, measured.pressure, {}}, {}};
+    FittedCapture capture{{}, {measured.number, measured.pressure, {}}, {}};
     PosesOfTags seen;
     for (const io::TagPose& tag : measured.tags) {
       const int index = scene.tags->find(tag.id);
@@ -117,26 +112,15 @@ std::vector<FittedCapture> capturesOf(const io::Scene& scene, const io::DataSet&
 std::vector<FittedCapture> fitCaptures(const io::Scene& scene, const io::DataSet& data) {
   requirePressureDriven(scene);
   std::vector<FittedCapture> captures = capturesOf(scene, data);
-  estimation::TwistFitter fitter(*scene.tags, scene.arm.sectionCount(), scene.vision.fit);
-  std::vector<std::optional<estimation::CaptureScatter>> scatter;
-  for (FittedCapture& capture : captures) {
-    const Eigen::VectorXd pressure = scene.arm.clamped(capture.measured.pressure);
-    capture.model = procedures::modelUnder(scene, capture.measured.payload).solve(pressure);
-    const estimation::TwistFit& fit =
-        procedures::fitTags(scene, capture.measured.reading,
-                            statics::startingShape(scene.model, capture.model, pressure), fitter);
-    capture.status = fit.status;
-    capture.reason = reasonOf(scene, capture);
-    const bool found = capture.converged() || fit.status == FitStatus::kNotConverged;
-    if (found) capture.fit = fit;
-    scatter.emplace_back();
-    if (capture.converged() && std::holds_alternative<PosesOfTags>(capture.measured.reading)) {
-      scatter.back() = procedures::scatterOfPoses(fit, scene.vision.fit.planar);
-    }
-  }
-  const estimation::CaptureCheck check = estimation::checkCaptures(scatter);
+  std::vector<estimation::Capture> measured;
+  for (const FittedCapture& one : captures) measured.push_back(one.measured);
+  const std::vector<procedures::FittedShape> shapes = procedures::fitShapes(scene, measured);
   for (std::size_t i = 0; i < captures.size(); ++i) {
-    if (check.apart[i]) captures[i].usual_rms = check.usual;
+    FittedCapture& capture = captures[i];
+    static_cast<procedures::FittedShape&>(capture) = shapes[i];
+    capture.status = capture.fit->status;
+    capture.reason = reasonOf(scene, capture);
+    if (!capture.converged() && capture.status != FitStatus::kNotConverged) capture.fit.reset();
   }
   return captures;
 }

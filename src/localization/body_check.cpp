@@ -81,12 +81,6 @@ BodyPoses mapped(BodyPoses seen, const std::function<lie::SE3(const lie::SE3&)>&
   return seen;
 }
 
-lie::SE3 readWithWFirst(const lie::SE3& X) {
-  const Eigen::Quaterniond q(X.rotation);
-  // The fields x, y, z, w hold w, x, y, z.
-  return {Eigen::Quaterniond(q.x(), q.y(), q.z(), q.w()).toRotationMatrix(), X.translation};
-}
-
 void addSwaps(const TagLayout& layout, const BodyPoses& seen, std::vector<PoseMistake>& out) {
   for (std::size_t i = 0; i < seen.size(); ++i) {
     for (std::size_t j = 0; j < i; ++j) {
@@ -102,27 +96,19 @@ void addSwaps(const TagLayout& layout, const BodyPoses& seen, std::vector<PoseMi
   }
 }
 
-// The 23 rotations that permute the axes.
 void addAxisTurns(const BodyPoses& seen, std::vector<PoseMistake>& out) {
-  for (int x = 0; x < 6; ++x) {
-    for (int y = 0; y < 6; ++y) {
-      if (x % 3 == y % 3) continue;
-      Eigen::Matrix3d R;
-      R.col(0) = (x < 3 ? 1 : -1) * Eigen::Vector3d::Unit(x % 3);
-      R.col(1) = (y < 3 ? 1 : -1) * Eigen::Vector3d::Unit(y % 3);
-      R.col(2) = R.col(0).cross(R.col(1));
-      if (R.isIdentity()) continue;
-      const Eigen::AngleAxisd turn(R);
-      const Eigen::Vector3d axis = turn.axis();
-      const std::string name = basics::format(
-          "the frame of the poses is turned by %.0f degrees about (%.1f, %.1f, %.1f) against "
-          "motion_capture.frame, as with y up in place of z: set the axes of the stream, or "
-          "calibrate anew with --fit base",
-          turn.angle() * 180 / basics::kPi, axis.x(), axis.y(), axis.z());
-      const lie::SE3 X{R.transpose(), Eigen::Vector3d::Zero()}, back{R, Eigen::Vector3d::Zero()};
-      out.push_back({mapped(seen, [&X](const lie::SE3& one) { return X * one; }), name});
-      out.push_back({mapped(seen, [&](const lie::SE3& one) { return X * one * back; }), name});
-    }
+  for (const Eigen::Matrix3d& R : axisTurns()) {
+    if (R.isIdentity()) continue;
+    const Eigen::AngleAxisd turn(R);
+    const Eigen::Vector3d axis = turn.axis();
+    const std::string name = basics::format(
+        "the frame of the poses is turned by %.0f degrees about (%.1f, %.1f, %.1f) against "
+        "motion_capture.frame, as with y up in place of z: set the axes of the stream, or "
+        "calibrate anew with --fit base",
+        turn.angle() * 180 / basics::kPi, axis.x(), axis.y(), axis.z());
+    const lie::SE3 X{R.transpose(), Eigen::Vector3d::Zero()}, back{R, Eigen::Vector3d::Zero()};
+    out.push_back({mapped(seen, [&X](const lie::SE3& one) { return X * one; }), name});
+    out.push_back({mapped(seen, [&](const lie::SE3& one) { return X * one * back; }), name});
   }
 }
 
@@ -136,7 +122,10 @@ std::string mistakeOf(const BodyPoses& seen, const ArmView& view, const Expectat
                                return lie::SE3{X.rotation, 1e-3 * X.translation};
                              }),
                       "the positions are in millimetres: expected metres; let the driver convert"});
-  mistakes.push_back({mapped(seen, readWithWFirst),
+  mistakes.push_back({mapped(seen,
+                             [](const lie::SE3& X) {
+                               return lie::SE3{withScalarFirst(X.rotation), X.translation};
+                             }),
                       "the quaternions are w, x, y, z: expected x, y, z, w; correct the driver"});
   addSwaps(view.layout, seen, mistakes);
   addAxisTurns(seen, mistakes);
@@ -166,6 +155,25 @@ const BodyPose* takenPlace(const BodyPose& one, const BodyPoses& seen,
 }
 
 }  // namespace
+
+Eigen::Matrix3d withScalarFirst(const Eigen::Matrix3d& R) {
+  const Eigen::Quaterniond q(R);
+  return Eigen::Quaterniond(q.x(), q.y(), q.z(), q.w()).toRotationMatrix();
+}
+
+std::vector<Eigen::Matrix3d> axisTurns() {
+  std::vector<Eigen::Matrix3d> out;
+  for (int x = 0; x < 6; ++x) {
+    for (int y = 0; y < 6; ++y) {
+      if (x % 3 == y % 3) continue;
+      Eigen::Matrix3d& R = out.emplace_back();
+      R.col(0) = (x < 3 ? 1 : -1) * Eigen::Vector3d::Unit(x % 3);
+      R.col(1) = (y < 3 ? 1 : -1) * Eigen::Vector3d::Unit(y % 3);
+      R.col(2) = R.col(0).cross(R.col(1));
+    }
+  }
+  return out;
+}
 
 bool BodyCheck::hangs(const BodyPose& one, const BodyPoses& seen,
                       const Eigen::Vector3d& model_place) {

@@ -38,8 +38,6 @@ using estimation::CalibrationStatus;
 using estimation::FitParameter;
 using estimation::ResponseFit;
 using estimation::ResponseVerdict;
-using CornersOfTags = std::vector<estimation::CornerObservation>;
-using PosesOfTags = std::vector<estimation::PoseObservation>;
 
 // Whether it is of tags, and shows none.
 bool isEmpty(const estimation::Capture& capture) {
@@ -452,7 +450,7 @@ class CalibrationJob {
            "stiffness, to a series of the tip to find it again"});
     }
     for (const std::string& one : found.contractions) {
-      curves_.responses.emplace_back(one, found.response);
+      changes_.responses.emplace_back(one, found.response);
     }
     outcome_.response = std::move(found);
     return std::nullopt;
@@ -474,7 +472,7 @@ class CalibrationJob {
     outcome_.mode->parameters = {
         {"mode_hz", "Hz", before.frequency, frequency.value, frequency.standard_error, true},
         {"mode_damping", "", before.damping, damping.value, damping.standard_error, true}};
-    curves_.mode = estimation::Mode{fit.frequency.value, fit.damping.value};
+    changes_.mode = estimation::Mode{fit.frequency.value, fit.damping.value};
     return std::nullopt;
   }
 
@@ -501,13 +499,13 @@ class CalibrationJob {
     if (fits(FitParameter::kMass)) {
       found.parameters.push_back(
           {"mass_kg", "kg", mass, mass_factor * mass, mass_error * mass, true});
-      curves_.mass_factor = mass_factor;
+      changes_.mass_factor = mass_factor;
     }
     if (fits(FitParameter::kDamping)) {
       found.parameters.push_back(
           {"damping_bend_s", "s", before, factor * times.bend, error * times.bend, true});
-      curves_.damping = dynamics::StrainTimes{factor * times.stretch, factor * times.shear,
-                                              factor * times.twist, factor * times.bend};
+      changes_.damping = dynamics::StrainTimes{factor * times.stretch, factor * times.shear,
+                                               factor * times.twist, factor * times.bend};
     }
     if (data_.tips.history.input.cols() == 0) {
       warn(
@@ -533,18 +531,16 @@ class CalibrationJob {
       fit = continuedTo(data_.lengths.history.input.maxCoeff(), std::move(fit));
     }
     outcome_.contractions.emplace_back(*name_, fit);
-    if (fit.status != estimation::ContractionFitStatus::kFitted) {
-      return "contraction " + *name_ + ": " + fit.reason;
-    }
-    curves_.contractions = outcome_.contractions;
+    if (!fit.curve) return "contraction " + *name_ + ": " + fit.reason;
+    changes_.contractions = outcome_.contractions;
     return std::nullopt;
   }
 
   // From here on, the arm has its new curves.
   void putCurves() {
-    curves_.contractions = outcome_.contractions;
-    curves_.provenance = provenance();
-    scene_ = io::sceneOfText(io::calibratedSceneText(path_, overrides_, curves_, sha256_), path_);
+    changes_.contractions = outcome_.contractions;
+    changes_.provenance = provenance();
+    scene_ = io::sceneOfText(io::calibratedSceneText(path_, overrides_, changes_, sha256_), path_);
   }
 
   // Captures get effective pressures in place of the measured ones, as far as a series was recorded
@@ -646,7 +642,7 @@ class CalibrationJob {
              firstSuspect();
     }
     outcome_.least_tip_error = leastTipError(*scene_, outcome_.arms.front(), calibration, options);
-    changes_ = io::changesOf(*scene_, calibration, fitted_, areCorners(data_.captures));
+    io::addChanges(*scene_, calibration, fitted_, areCorners(data_.captures), changes_);
     return std::nullopt;
   }
 
@@ -804,9 +800,9 @@ class CalibrationJob {
     changes_.motion_capture.R_TM = fit.R_TM;
     changes_.motion_capture.p_TM = fit.p_TM;
     changes_.motion_capture.beam = fit.beam;
-    outcome_.contractions = curves_.contractions = fit.curves;
+    outcome_.contractions = changes_.contractions = fit.curves;
     for (const auto& [name, response] : scene_->contractions) {
-      if (options.response) curves_.responses.emplace_back(name, fit.response);
+      if (options.response) changes_.responses.emplace_back(name, fit.response);
     }
   }
 
@@ -928,11 +924,6 @@ class CalibrationJob {
   }
 
   Refusal write() {
-    changes_.contractions = curves_.contractions;
-    changes_.responses = curves_.responses;
-    changes_.mode = curves_.mode;
-    changes_.mass_factor = curves_.mass_factor;
-    changes_.damping = curves_.damping;
     changes_.provenance = provenance();
     Refusal refusal = refuseFar();
     try {
@@ -1001,7 +992,7 @@ class CalibrationJob {
   std::optional<std::string> name_;            // of the curve that is fitted
   bool remembers_ = false;                     // the muscle of this curve
   std::vector<estimation::Capture> captures_;  // at effective pressures, as a suspect corrects them
-  io::SceneCalibration curves_, changes_;
+  io::SceneCalibration changes_;
   CalibrationOutcome outcome_;
 };
 
@@ -1011,19 +1002,13 @@ std::vector<double> tipErrors(const io::Scene& scene,
                               const std::vector<estimation::Capture>& captures) {
   std::vector<double> errors(captures.size(), std::nan(""));
   if (!scene.tags) return errors;
-  estimation::TwistFitter fitter(*scene.tags, scene.arm.sectionCount(), scene.vision.fit);
+  const std::vector<FittedShape> shapes = fitShapes(scene, captures);
   for (std::size_t i = 0; i < captures.size(); ++i) {
-    const estimation::Capture& capture = captures[i];
-    const auto* const corners = std::get_if<CornersOfTags>(&capture.reading);
-    const auto* const poses = std::get_if<PosesOfTags>(&capture.reading);
-    const bool seen = (corners != nullptr && !corners->empty() && scene.camera) ||
-                      (poses != nullptr && !poses->empty());
-    if (!seen) continue;
-    const statics::Solution model = modelUnder(scene, capture.payload).solve(capture.pressure);
-    if (!model.converged()) continue;
-    const estimation::TwistFit& fit = fitTags(scene, capture.reading, model.shape, fitter);
-    if (fit.status != estimation::FitStatus::kConverged) continue;
-    const lie::SE3 tip = fit.X_B0B * model::tipPose(fit.shape);
+    const statics::Solution& model = shapes[i].model;
+    const std::optional<estimation::TwistFit>& fit = shapes[i].fit;
+    const bool fitted = fit && fit->status == estimation::FitStatus::kConverged;
+    if (!fitted || !model.converged()) continue;
+    const lie::SE3 tip = fit->X_B0B * model::tipPose(fit->shape);
     errors[i] = (tip.translation - model.tip.translation).norm();
   }
   return errors;

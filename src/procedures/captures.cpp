@@ -376,15 +376,34 @@ estimation::ArmCaptures makeArmCaptures(const io::Scene& scene,
 
 const estimation::TwistFit& fitTags(const io::Scene& scene, const estimation::Reading& reading,
                                     const model::Shape& start, estimation::TwistFitter& fitter) {
-  if (const auto* poses = std::get_if<std::vector<estimation::PoseObservation>>(&reading)) {
-    return fitter.fitCold(*poses, start);
-  }
-  const auto& corners = std::get<std::vector<estimation::CornerObservation>>(reading);
-  return fitter.fitCold(corners, scene.X_CB(), scene.camera->model.focal(), start);
+  if (const auto* poses = std::get_if<PosesOfTags>(&reading)) return fitter.fitCold(*poses, start);
+  return fitter.fitCold(std::get<CornersOfTags>(reading), scene.X_CB(), scene.camera->model.focal(),
+                        start);
 }
 
-estimation::CaptureScatter scatterOfPoses(const estimation::TwistFit& fit, bool planar) {
-  return estimation::scatterOf(fit, 3, planar);
+std::vector<FittedShape> fitShapes(const io::Scene& scene,
+                                   const std::vector<estimation::Capture>& captures) {
+  estimation::TwistFitter fitter(*scene.tags, scene.arm.sectionCount(), scene.vision.fit);
+  std::vector<FittedShape> out;
+  std::vector<std::optional<estimation::CaptureScatter>> scatter(captures.size());
+  for (const estimation::Capture& capture : captures) {
+    const Eigen::VectorXd pressure = scene.arm.clamped(capture.pressure);
+    const statics::Solution model = modelUnder(scene, capture.payload).solve(pressure);
+    out.push_back({model, std::nullopt});
+    const bool poses = std::holds_alternative<PosesOfTags>(capture.reading);
+    const bool corners = std::holds_alternative<CornersOfTags>(capture.reading) && scene.camera;
+    if (!poses && !corners) continue;
+    const estimation::TwistFit& fit = fitTags(
+        scene, capture.reading, statics::startingShape(scene.model, model, pressure), fitter);
+    out.back().fit = fit;
+    if (!poses || fit.status != estimation::FitStatus::kConverged) continue;
+    scatter[out.size() - 1] = estimation::scatterOf(fit, 3, scene.vision.fit.planar);
+  }
+  const estimation::CaptureCheck check = estimation::checkCaptures(scatter);
+  for (std::size_t i = 0; i < out.size(); ++i) {
+    if (check.apart[i]) out[i].usual_rms = check.usual;
+  }
+  return out;
 }
 
 std::string scatterText(double rms, double usual) {
@@ -396,31 +415,21 @@ std::string scatterText(double rms, double usual) {
 
 std::vector<std::string> warningsOfScatter(const io::Scene& scene,
                                            const std::vector<estimation::Capture>& captures) {
-  if (!scene.tags) return {};
-  estimation::TwistFitter fitter(*scene.tags, scene.arm.sectionCount(), scene.vision.fit);
-  std::vector<std::optional<estimation::CaptureScatter>> scatter;
-  for (const estimation::Capture& capture : captures) {
-    scatter.emplace_back();
-    const auto* const poses =
-        std::get_if<std::vector<estimation::PoseObservation>>(&capture.reading);
-    if (poses == nullptr || poses->empty()) continue;
-    const statics::Solution model = modelUnder(scene, capture.payload).solve(capture.pressure);
-    const estimation::TwistFit& fit =
-        fitter.fitCold(*poses, statics::startingShape(scene.model, model, capture.pressure));
-    if (fit.status != estimation::FitStatus::kConverged) continue;
-    scatter.back() = scatterOfPoses(fit, scene.vision.fit.planar);
-  }
-  const estimation::CaptureCheck check = estimation::checkCaptures(scatter);
+  const bool poses =
+      !captures.empty() && std::holds_alternative<PosesOfTags>(captures.front().reading);
+  if (!scene.tags || !poses) return {};
+  const std::vector<FittedShape> shapes = fitShapes(scene, captures);
   std::vector<int> apart;
-  double largest = 0;
+  double largest = 0, usual = 0;
   for (std::size_t i = 0; i < captures.size(); ++i) {
-    if (!check.apart[i]) continue;
+    if (!shapes[i].usual_rms) continue;
     apart.push_back(captures[i].number);
-    largest = std::max(largest, scatter[i]->rms);
+    largest = std::max(largest, shapes[i].fit->rms);
+    usual = *shapes[i].usual_rms;
   }
   if (apart.empty()) return {};
   return {(apart.size() > 1 ? "captures " : "capture ") + io::listOf(apart) +
-          (apart.size() > 1 ? "; the worst of them: " : ": ") + scatterText(largest, *check.usual)};
+          (apart.size() > 1 ? "; the worst of them: " : ": ") + scatterText(largest, usual)};
 }
 
 void addCaptures(std::vector<estimation::Capture> captures, const std::string& file,

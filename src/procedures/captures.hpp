@@ -17,6 +17,9 @@
 
 namespace helix_arm::procedures {
 
+using PosesOfTags = std::vector<estimation::PoseObservation>;
+using CornersOfTags = std::vector<estimation::CornerObservation>;
+
 /// Kind of a data set, determined by its columns.
 enum class DataKind {
   kCurvatures,  ///< pressure_1_kpa .., curvature_rad: one row per capture
@@ -86,10 +89,18 @@ estimation::ArmCaptures makeArmCaptures(const io::Scene& scene,
 const estimation::TwistFit& fitTags(const io::Scene& scene, const estimation::Reading& reading,
                                     const model::Shape& start, estimation::TwistFitter& fitter);
 
-// Captures that no shape explains, see estimation::checkCaptures().
-
-/// Scatter of tag positions.
-estimation::CaptureScatter scatterOfPoses(const estimation::TwistFit& fit, bool planar);
+/// The model's shape at the pressures of a capture, within the limits and under what hangs on the
+/// arm, and the shape of its tags.
+struct FittedShape {
+  statics::Solution model;
+  std::optional<estimation::TwistFit> fit = {};  ///< absent without tags or, of corners, a camera
+  /// Of tag positions that no shape explains: the usual RMS, see estimation::checkCaptures() [m].
+  std::optional<double> usual_rms = {};
+};
+/// Fits every capture by itself, from the model's shape or, where its load finds no balance, that
+/// without load. Requires a scene with tags.
+std::vector<FittedShape> fitShapes(const io::Scene& scene,
+                                   const std::vector<estimation::Capture>& captures);
 
 /// "no shape explains it: its tags are off by RMS 54.0 mm, usual are 13.7 mm; ...".
 std::string scatterText(double rms, double usual);

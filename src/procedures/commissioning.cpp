@@ -26,8 +26,6 @@ namespace {
 
 using estimation::Capture;
 using estimation::Suspect;
-using CornersOfTags = std::vector<estimation::CornerObservation>;
-using PosesOfTags = std::vector<estimation::PoseObservation>;
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr double kFraction = 0.3;  // of an actuator's range
@@ -64,13 +62,10 @@ model::Shape modelAt(const io::Scene& scene, const Eigen::VectorXd& measured) {
 // The shapes that tags alone show; nothing where they show none.
 std::vector<std::optional<Stand>> standsOf(const io::Scene& scene,
                                            const std::vector<Capture>& captures) {
-  estimation::TwistFitter fitter(*scene.tags, scene.arm.sectionCount(), scene.vision.fit);
   std::vector<std::optional<Stand>> out;
-  for (const Capture& capture : captures) {
-    const model::Shape start = modelAt(scene, capture.pressure);
-    const estimation::TwistFit& fit = fitTags(scene, capture.reading, start, fitter);
-    const bool found = fit.status == estimation::FitStatus::kConverged;
-    out.push_back(found ? std::optional(standOf(fit.shape)) : std::nullopt);
+  for (const FittedShape& one : fitShapes(scene, captures)) {
+    const bool found = one.fit && one.fit->status == estimation::FitStatus::kConverged;
+    out.push_back(found ? std::optional(standOf(one.fit->shape)) : std::nullopt);
   }
   return out;
 }

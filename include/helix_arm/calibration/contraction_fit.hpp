@@ -61,21 +61,8 @@ struct ContractionFitOptions {
   Branch branch = Branch::kBoth;
 };
 
-/// Whether a curve was fitted.
-enum class ContractionFitStatus {
-  kFitted,
-  kTooFewPressures,  ///< fewer distinct pressures on the branch than the curve needs: 6 for
-                     ///< kQuintic, 2 for the others
-  kNotFinite,        ///< a sample is not finite, or its length is not > 0
-  kOutOfRange,       ///< a pressure or a fitted length is below 0 or, for a quintic, no pressure is
-                     ///< within 5 % of the largest from 0, so the start of the curve is unknown
-  kNoTrend,  ///< lengths neither rise nor fall with pressure: the slope of a line through them is
-             ///< less than 2 of its standard errors
-};
-
 /// Fitted free length as a function of pressure.
 struct ContractionFit {
-  ContractionFitStatus status = ContractionFitStatus::kTooFewPressures;
   std::string reason;  ///< cause and remedy; empty if fitted
   CurveKind kind = CurveKind::kQuintic;
   /// Strictly monotone on its range; absent if the fit failed.
@@ -100,6 +87,9 @@ struct ContractionFit {
 
 /// Least squares under the constraint that the curve is strictly monotone on its range. It falls or
 /// rises like a line through the samples: muscles shorten, bellows lengthen.
+///
+/// A quintic needs 6 distinct pressures, the least of them within 5 % of the largest from 0; other
+/// curves need 2. The slope of the line must be at least 2 of its standard errors.
 ///
 /// @param samples  in measured order, with any number at one pressure. Pressures within 1e-6 of the
 ///     largest count as equal.

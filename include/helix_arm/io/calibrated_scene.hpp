@@ -51,14 +51,14 @@ struct SceneCalibration {
   Provenance provenance;
 };
 
-/// The changes of a scene that follow from a successful calibration. Contractions and provenance
-/// are left empty.
+/// Adds the changes of a scene that follow from a successful calibration.
 ///
 /// @param fitted  the requested parameters; only these are changed.
 /// @param corners  whether the captures were of tag corners. If true, the base moves the camera,
 /// and the scene must have one; otherwise it moves the frame of tag poses.
-SceneCalibration changesOf(const Scene& scene, const estimation::Calibration& calibration,
-                           const std::set<estimation::FitParameter>& fitted, bool corners);
+void addChanges(const Scene& scene, const estimation::Calibration& calibration,
+                const std::set<estimation::FitParameter>& fitted, bool corners,
+                SceneCalibration& changes);
 
 /// The text of a scene file with a calibration applied: loading it gives the calibrated scene,
 /// whose X_CB and placements agree to 1e-12. The comments of the file are not kept.

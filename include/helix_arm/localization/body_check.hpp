@@ -15,6 +15,11 @@ struct BodyPose {
       X_CM;  ///< seen from the frame C of the poses [m]; without rotation noise only a position
 };
 
+/// The rotation of a quaternion that was read as (x, y, z, w), but has w first.
+Eigen::Matrix3d withScalarFirst(const Eigen::Matrix3d& R);
+/// The 24 rotations that permute the axes.
+std::vector<Eigen::Matrix3d> axisTurns();
+
 /// Finds the usual mistakes in poses of bodies: names that were swapped, a body that took another's
 /// place, one that hangs, a unit, an order of quaternions and a frame that are others than
 /// expected.

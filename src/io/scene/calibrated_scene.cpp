@@ -546,13 +546,12 @@ void addMatrix(const char* name, int rows, const Eigen::VectorXd& entries, std::
 
 }  // namespace
 
-SceneCalibration changesOf(const Scene& scene, const estimation::Calibration& calibration,
-                           const std::set<estimation::FitParameter>& fitted, bool corners) {
-  SceneCalibration changes;
+void addChanges(const Scene& scene, const estimation::Calibration& calibration,
+                const std::set<estimation::FitParameter>& fitted, bool corners,
+                SceneCalibration& changes) {
   for (const estimation::FitParameter one : fitted) {
     addChange(one, scene, calibration, corners, changes);
   }
-  return changes;
 }
 
 std::string calibratedSceneText(const std::string& path, const std::vector<Override>& overrides,
