@@ -121,8 +121,8 @@ Eigen::MatrixXd withUncertaintyOfHeld(Eigen::MatrixXd covariance, const Calibrat
 //
 // @param covariance  (parameters)^2 without what is not known of all that is not fitted.
 // @return what to add to it.
-Eigen::MatrixXd bendingOfValleys(CalibrationProblem& problem, const NoisySolution& best,
-                                 const Eigen::MatrixXd& covariance) {
+Eigen::MatrixXd bendingOfValleys(const CalibrationFit& best, const Eigen::MatrixXd& covariance) {
+  CalibrationProblem& problem = *best.problem;
   const Eigen::VectorXd full = problem.numbers();
   Eigen::MatrixXd more = Eigen::MatrixXd::Zero(covariance.rows(), covariance.cols());
   const int entries = static_cast<int>(problem.stiffnessEntries().size());
@@ -184,11 +184,6 @@ ValleySpread spreadAlong(CalibrationProblem& problem, double noise_scale,
   return out;
 }
 
-struct Candidate {
-  CalibrationFit fit;
-  Eigen::MatrixXd marginal;  // (entries of the stiffness)^2, all others fitted
-};
-
 bool stiffnessIsIdentified(const CalibrationFit& fit) {
   const auto entries = static_cast<std::ptrdiff_t>(fit.problem->stiffnessEntries().size());
   return std::all_of(fit.identified.begin(), fit.identified.begin() + entries,
@@ -196,23 +191,17 @@ bool stiffnessIsIdentified(const CalibrationFit& fit) {
 }
 
 // @param asked  with all that was requested.
-Candidate candidateOf(const std::vector<ArmCaptures>& arms, const CalibrationOptions& options,
-                      const CalibrationOptions& asked) {
-  Candidate candidate;
-  CalibrationFit& fit = candidate.fit;
+CalibrationFit candidateOf(const std::vector<ArmCaptures>& arms, const CalibrationOptions& options,
+                           const CalibrationOptions& asked) {
+  CalibrationFit fit;
   fit.problem = std::make_shared<CalibrationProblem>(arms, options);
   // Error of the readings that the residuals do not show.
   const bool corners = fit.problem->kind() == ReadingKind::kCorners;
   const double bias = corners ? options.corner_floor / options.corner_noise : 0.0;
-  const NoisySolution estimate = solveWithNoise(*fit.problem, bias);
-  fit.converged = estimate.converged;
-  fit.noise_scale = estimate.noise_scale;
-  fit.freedom = estimate.freedom;
-  if (!options.errors) return candidate;
+  static_cast<NoisySolution&>(fit) = solveWithNoise(*fit.problem, bias);
+  if (!options.errors) return fit;
   Statistics statistics = statisticsOf(*fit.problem, fit.noise_scale);
   fit.information = std::move(statistics.information);
-  const auto entries = static_cast<Eigen::Index>(fit.problem->stiffnessEntries().size());
-  candidate.marginal = statistics.covariance.topLeftCorner(entries, entries);
   const std::vector<ParameterInfo>& infos = fit.problem->parameters();
   const auto judge = [&](const Eigen::MatrixXd& covariance) {
     fit.identified.clear();
@@ -222,12 +211,12 @@ Candidate candidateOf(const std::vector<ArmCaptures>& arms, const CalibrationOpt
   };
   fit.covariance = statistics.covariance;
   judge(fit.covariance);
-  if (!fit.converged || !stiffnessIsIdentified(fit)) return candidate;
+  if (!fit.converged || !stiffnessIsIdentified(fit)) return fit;
   fit.covariance =
       withUncertaintyOfHeld(statistics.covariance, *fit.problem, asked, fit.noise_scale);
-  fit.covariance += bendingOfValleys(*fit.problem, estimate, statistics.covariance);
+  fit.covariance += bendingOfValleys(fit, statistics.covariance);
   judge(fit.covariance);
-  return candidate;
+  return fit;
 }
 
 // A division of some entries into fitted and held ones; held entries keep their priors.
@@ -382,30 +371,34 @@ CalibrationFit fitIdentified(const std::vector<ArmCaptures>& arms,
     fit.left_out = check(fit);
     return !fit.left_out || fit.left_out->holds_up;
   };
-  Candidate first = candidateOf(arms, options, options);
-  if (!options.errors) return std::move(first.fit);
-  if (first.fit.converged) first.fit.asked.problem = first.fit.problem;
-  first.fit.asked.noise_scale = first.fit.noise_scale;
-  const bool good = isGood(first.fit);
-  if (first.fit.left_out) first.fit.asked.left_out = first.fit.left_out->jackknife;
+  CalibrationFit first = candidateOf(arms, options, options);
+  if (!options.errors) return first;
+  if (first.converged) first.asked.problem = first.problem;
+  first.asked.noise_scale = first.noise_scale;
+  const bool good = isGood(first);
+  if (first.left_out) first.asked.left_out = first.left_out->jackknife;
   const std::vector<FitParameter> entries = freeStiffness(options);
-  if (good || entries.empty()) return std::move(first.fit);
-  const std::vector<ParameterInfo> infos = first.fit.problem->parameters();
+  if (good || entries.empty()) return first;
+  const std::vector<ParameterInfo> infos = first.problem->parameters();
   const auto hold = [&](CalibrationFit& fit, const std::vector<int>& fitted) {
     for (int e = 0; e < static_cast<int>(entries.size()); ++e) {
       const bool stays = std::find(fitted.begin(), fitted.end(), e) == fitted.end();
       if (stays) fit.held.push_back(heldParameter(infos[e]));
     }
   };
-  const CalibrationFit::Asked asked = first.fit.asked;
-  CalibrationFit last = std::move(first.fit);
+  const CalibrationFit::Asked asked = first.asked;
+  // With all others fitted.
+  const auto count = static_cast<Eigen::Index>(entries.size());
+  const Eigen::MatrixXd marginal =
+      statisticsOf(*first.problem, first.noise_scale).covariance.topLeftCorner(count, count);
+  CalibrationFit last = std::move(first);
   for (const Split& split :
-       splitsOf(inverseOf(first.marginal), options.stiffness_prior * options.stiffness_prior)) {
+       splitsOf(inverseOf(marginal), options.stiffness_prior * options.stiffness_prior)) {
     CalibrationOptions fewer = options;
     for (const FitParameter one : entries) fewer.fit.erase(one);
     for (const int e : split.fitted) fewer.fit.insert(entries[static_cast<std::size_t>(e)]);
     if (fewer.fit.empty()) break;
-    CalibrationFit fit = candidateOf(arms, fewer, options).fit;
+    CalibrationFit fit = candidateOf(arms, fewer, options);
     fit.asked = asked;
     if (split.fitted.empty() || isGood(fit)) {
       hold(fit, split.fitted);

@@ -59,11 +59,8 @@ struct CrossValidation {
   bool holds_up = true;
 };
 
-struct CalibrationFit {
+struct CalibrationFit : NoisySolution {
   std::shared_ptr<CalibrationProblem> problem;  ///< at the fitted values
-  bool converged = false;
-  double noise_scale = 1;  ///< noise as a multiple of the expected noise
-  double freedom = 1;      ///< residuals from which it was estimated, less the fitted parameters
   // The sizes are those of the problem's parameters; empty without errors.
   Eigen::MatrixXd information;  ///< from readings and priors
   Eigen::MatrixXd covariance;  ///< includes the prior uncertainty of parameters that are not fitted

@@ -110,18 +110,10 @@ double entropyOf(const Eigen::MatrixXd& information, const std::vector<int>& col
   const Eigen::LLT<Eigen::MatrixXd> factors(information);
   if (factors.info() != Eigen::Success) return std::numeric_limits<double>::infinity();
   const Eigen::Index size = information.rows();
-  Eigen::MatrixXd units = Eigen::MatrixXd::Zero(size, static_cast<Eigen::Index>(columns.size()));
-  for (std::size_t i = 0; i < columns.size(); ++i) units(columns[i], i) = 1;
-  const Eigen::MatrixXd solved = factors.solve(units);
-  Eigen::MatrixXd covariance(columns.size(), columns.size());
-  for (std::size_t i = 0; i < columns.size(); ++i) covariance.row(i) = solved.row(columns[i]);
-  const Eigen::LLT<Eigen::MatrixXd> root(covariance);
+  const Eigen::MatrixXd units = Eigen::MatrixXd::Identity(size, size);
+  const Eigen::MatrixXd solved = factors.solve(units(Eigen::all, columns));
+  const Eigen::LLT<Eigen::MatrixXd> root(solved(columns, Eigen::all));
   return root.matrixLLT().diagonal().array().log().sum();
-}
-
-double levelOf(const model::Arm& arm, int actuator, double level) {
-  const model::Range& limits = arm.actuator(actuator).limits;
-  return limits.lower + level * (limits.upper - limits.lower);
 }
 
 std::vector<Eigen::VectorXd> combinations(const model::Arm& arm) {
@@ -129,9 +121,9 @@ std::vector<Eigen::VectorXd> combinations(const model::Arm& arm) {
   std::vector<Eigen::VectorXd> out;
   std::vector<std::size_t> digits(n, 0);
   for (;;) {
-    Eigen::VectorXd pressure(n);
-    for (int i = 0; i < n; ++i) pressure[i] = levelOf(arm, i, kLevels[digits[i]]);
-    out.push_back(pressure);
+    Eigen::VectorXd levels(n);
+    for (int i = 0; i < n; ++i) levels[i] = kLevels[digits[i]];
+    out.push_back(arm.inputAt(levels));
     int i = 0;
     while (i < n && ++digits[i] == std::size(kLevels)) digits[i++] = 0;
     if (i == n) return out;
@@ -144,10 +136,9 @@ std::vector<Eigen::VectorXd> singlesAndPairs(const model::Arm& arm) {
   for (int i = 0; i < n; ++i) {
     for (int j = i; j < n; ++j) {
       for (const double level : kLevels) {
-        Eigen::VectorXd pressure = arm.inputAt(0);
-        pressure[i] = levelOf(arm, i, level);
-        pressure[j] = levelOf(arm, j, level);
-        out.push_back(pressure);
+        Eigen::VectorXd levels = Eigen::VectorXd::Zero(n);
+        levels[i] = levels[j] = level;
+        out.push_back(arm.inputAt(levels));
       }
     }
   }

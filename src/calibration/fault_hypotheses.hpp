@@ -10,8 +10,8 @@
 #include "calibration_checks.hpp"
 #include "helix_arm/calibration/suspects.hpp"
 
-/// Mistakes that are usual on a rig, and what the data would be without each of them. Captures
-/// (suspects.cpp) and recorded motions (series_suspects.cpp) are fitted under every hypothesis.
+/// Mistakes that are usual on a rig, and what the data would be without each of them. Captures and
+/// recorded motions are fitted under every hypothesis (suspects.cpp).
 namespace helix_arm::estimation {
 
 /// Data and request of a calibration; mistakes are those of the first arm.

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <set>
 #include <type_traits>
 #include <utility>
 #include <variant>
@@ -107,8 +108,7 @@ class TagCost final : public ReadingCost {
  public:
   TagCost(const Shared& shared, const Place& place, const ParameterBlocks& blocks,
           const Model& model, typename Model::Observation seen)
-      : ReadingCost(shared, place, model.residuals(seen), blocks,
-                    rigOf(seen.tag != shared.held_tag), seen.tag),
+      : ReadingCost(shared, place, model.residuals(seen), blocks, seen.tag),
         model_(model),
         seen_(std::move(seen)) {
     rest_length_ = shared.arms[place.arm].arm.restLength(placement().section);
@@ -134,9 +134,8 @@ class TagCost final : public ReadingCost {
       state.base.front().fill(rows, 0, moved);
       out.middleCols<6>(base) = moved.topRows(m);
     }
-    if constexpr (Model::kBorderShifts) {
-      const int shift = columnOf(ParameterBlock::kBorderShift);
-      if (shift >= 0) out.col(shift) = rows.by_border_shift;
+    if (const int shift = columnOf(ParameterBlock::kBorderShift); shift >= 0) {
+      out.col(shift) = rows.by_border_shift.head(m);
     }
     if (const int tag = columnOf(ParameterBlock::kTag); tag >= 0) {
       out.middleCols<6>(tag) = byPlacement(values, state.shape.shape, pose, rows).topRows(m);
@@ -149,8 +148,7 @@ class TagCost final : public ReadingCost {
     return model_.shown(seen_, poseAt(state, values).X_B0T, square);
   }
 
-  // Whether the tag faces the camera.
-  bool faces(const CaptureState& state, const ParameterBlocks& values) const {
+  bool faces(const CaptureState& state, const ParameterBlocks& values) const override {
     if constexpr (Model::kBorderShifts) {
       const lie::SE3 X_CT = model_.X_CB0 * poseAt(state, values).X_B0T;
       return X_CT.translation.z() > 0 &&
@@ -160,13 +158,6 @@ class TagCost final : public ReadingCost {
   }
 
  private:
-  static std::set<ParameterBlock> rigOf(bool takes_tag) {
-    std::set<ParameterBlock> rig{ParameterBlock::kBase};
-    if (Model::kBorderShifts) rig.insert(ParameterBlock::kBorderShift);
-    if (takes_tag) rig.insert(ParameterBlock::kTag);
-    return rig;
-  }
-
   struct Pose {
     double s;  // along its section
     PiecePlace place;
@@ -226,9 +217,11 @@ Place placeAt(const Shared& shared, int arm, int capture, const Eigen::VectorXd&
   for (int i = 0; i < pressure.size(); ++i) {
     place.rest[i] = data.arm.actuator(i).contraction.restLength();
   }
-  if (!isFree(shared.options, ParameterBlock::kCurve)) return place;
-  place.by_curve.setZero(pressure.size(), shared.arms.front().free_curve->spline.lengths.size());
+  const bool is_fitted = isFree(shared.options, ParameterBlock::kCurve);
+  place.by_curve.setZero(pressure.size(),
+                         is_fitted ? shared.arms.front().free_curve->spline.lengths.size() : 0);
   place.rest_by_curve = place.by_curve;
+  if (!is_fitted) return place;
   for (int i = 0; data.free_curve && i < pressure.size(); ++i) {
     if (!data.free_curve->actuators[i]) continue;
     const ContractionSpline& spline = data.free_curve->spline;
@@ -286,8 +279,7 @@ LinearisedShape shapeAt(Shared& shared, const Place& place, const ParameterBlock
 }
 
 ReadingCost::ReadingCost(const Shared& shared, const Place& place, int residuals,
-                         const ParameterBlocks& blocks, const std::set<ParameterBlock>& rig,
-                         int tag)
+                         const ParameterBlocks& blocks, int tag)
     : shared_(shared),
       place_(place),
       limit_(std::pow(shared.options.robust_scale * std::sqrt(residuals), 2)),
@@ -295,10 +287,9 @@ ReadingCost::ReadingCost(const Shared& shared, const Place& place, int residuals
       tag_(tag) {
   for (int i = 0; i < kParameterBlockCount; ++i) {
     const auto kind = static_cast<ParameterBlock>(i);
-    const bool of_rig = kind == ParameterBlock::kBase || kind == ParameterBlock::kBorderShift ||
-                        kind == ParameterBlock::kTag;
+    const bool is_held = kind == ParameterBlock::kTag && tag == shared.held_tag;
     first_[static_cast<std::size_t>(i)] = -1;
-    if (!isFree(shared.options, kind) || (of_rig && rig.count(kind) == 0)) continue;
+    if (!isFree(shared.options, kind) || is_held) continue;
     const int of = kind == ParameterBlock::kTag     ? tag
                    : kind == ParameterBlock::kShape ? place.capture
                                                     : 0;
@@ -386,8 +377,7 @@ ReadingCosts expectedTerms(const Shared& shared, const Place& place, const Captu
   std::set<int> seen;
   const auto add = [&](const Reading& reading) {
     for (auto& term : termsOf(shared, place, reading, blocks)) {
-      const auto* const tag = dynamic_cast<const TagCost<CornerModel>*>(term.get());
-      if (tag == nullptr || tag->faces(state, blocks)) terms.push_back(std::move(term));
+      if (term->faces(state, blocks)) terms.push_back(std::move(term));
     }
   };
   const auto addNew = [&](auto observations) {

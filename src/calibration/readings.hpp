@@ -5,7 +5,6 @@
 #include <cmath>
 #include <cstddef>
 #include <memory>
-#include <set>
 #include <vector>
 
 #include "calibration_checks.hpp"
@@ -53,17 +52,15 @@ struct Place {
   Eigen::VectorXd lengths;   // at its pressures [m]
   Eigen::VectorXd rest;      // at the lower end of the curves [m]
   std::vector<int> entries;  // free entries of the twists, for free shapes
-  // Derivatives of lengths and rest (actuators x numbers of the curve), if one is fitted [m].
+  // Derivatives of lengths and rest (actuators x numbers of the fitted curve, if there is one) [m].
   Eigen::MatrixXd by_curve, rest_by_curve;
   int state;  // of Shared::states
 
   // With these values of the curve's numbers.
   Eigen::VectorXd lengthsAt(const Eigen::VectorXd& curve) const {
-    if (by_curve.size() == 0) return lengths;
     return lengths + by_curve * curve;
   }
   Eigen::VectorXd restAt(const Eigen::VectorXd& curve) const {
-    if (by_curve.size() == 0) return rest;
     return rest + rest_by_curve * curve;
   }
 };
@@ -90,11 +87,9 @@ struct CaptureState {
 class ReadingCost {
  public:
   // @param place  must outlive the cost.
-  // @param rig  the blocks that the cost depends on, besides those of the shape.
-  // @param tag  index in the layout; -1 if it is not of a tag.
+  // @param tag  index in the layout; -1 if it is not of a tag, so that the rig is not fitted.
   ReadingCost(const Shared& shared, const Place& place, int residuals,
-              const ParameterBlocks& blocks, const std::set<ParameterBlock>& rig = {},
-              int tag = -1);
+              const ParameterBlocks& blocks, int tag = -1);
   virtual ~ReadingCost() = default;
   ReadingCost(const ReadingCost&) = delete;
   ReadingCost& operator=(const ReadingCost&) = delete;
@@ -103,6 +98,9 @@ class ReadingCost {
   const std::vector<int>& blocks() const { return blocks_; }
   int residuals() const { return residuals_; }
   int tag() const { return tag_; }
+
+  // Whether the tag, if it is one, faces the camera.
+  virtual bool faces(const CaptureState&, const ParameterBlocks&) const { return true; }
 
   // Squared residuals beyond which the reading is an outlier; infinite for twists, whose covariance
   // is given.
