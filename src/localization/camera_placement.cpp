@@ -14,7 +14,6 @@ namespace {
 using Matrix8 = Eigen::Matrix<double, 8, 8>;
 
 constexpr int kRows = 8;
-constexpr std::size_t kLeastTags = 2;
 // Searches, each with the effects of displacements where the one before ended.
 constexpr int kSearches = 3;
 // The search ends where a step lowers the cost c by at most 1e-8 (1 + c).
@@ -126,7 +125,6 @@ class PlacementProblem {
     out.rms = tags > 0 ? std::sqrt(fitted / tags) : 0;
     out.X_CB = corners_.X_CB0 * at.X_B0B;
     out.border_shift = at.border_shift;
-    out.twists = at.twists;
     out.shape_deviations = equations_.deviationsOf(at).cwiseAbs().maxCoeff();
     // Every other parameter has a prior, so that it counts on both sides.
     const double freedom = static_cast<double>(kRows * tags) - lie::SE3::kDof;
@@ -174,26 +172,17 @@ class PlacementProblem {
 
 }  // namespace
 
-int CameraPlacement::outliers() const {
-  return static_cast<int>(
-      std::count_if(tags.begin(), tags.end(), [](const TagResidual& tag) { return tag.outlier; }));
-}
-
 CameraPlacement fitCameraPlacement(const model::Arm& arm, const TagLayout& layout,
                                    const model::Shape& shape,
                                    const std::vector<CornerObservation>& seen, double focal,
                                    const lie::SE3& start, const CameraPlacementOptions& options) {
   CameraPlacement out;
   out.X_CB = start;
-  out.twists = shape.twists();
-  if (seen.size() < kLeastTags) return out;
   PlacementProblem problem(arm, layout, shape, seen, focal, start, options);
-  out.status = PlacementStatus::kNotConverged;
   basics::Descended<FitPoint> found{problem.start()};
   for (int search = 0; search < kSearches; ++search) {
     if (!problem.loosen(found.at)) return out;
     found = basics::descend(problem, std::move(found.at), kPlacementDescent);
-    out.iterations += found.iterations;
   }
   const basics::DenseEquations normal = problem.linearise(found.at);
   const double promised = normal.gradient.dot(normal.hessian.ldlt().solve(normal.gradient));

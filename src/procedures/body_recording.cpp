@@ -52,16 +52,6 @@ class Activity {
   Eigen::VectorXd sums_;
 };
 
-ClockLag bestOf(const Activity& from, const Activity& to, double lowest, double highest,
-                double step) {
-  ClockLag best{0.5 * (lowest + highest), -1.0};
-  for (double lag = lowest; lag <= highest; lag += step) {
-    const auto value = from.correlation(to, lag);
-    if (value && *value > best.correlation) best = {lag, *value};
-  }
-  return best;
-}
-
 TimedPressures timedPressuresOf(const io::Scene& scene, const std::string& path) {
   const io::DataSet data = io::loadDataSet(path);
   io::requireColumns(data, {"time_s"}, "time_s, pressure_1_kpa ..: the pressures of the recording");
@@ -101,6 +91,32 @@ double offsetOf(const io::BodyTable& table, const TimedPressures& pressures,
       std::abs(lag.seconds), lag.seconds > 0 ? "before" : "after", path.c_str(), lag.correlation,
       lag.seconds));
   return lag.seconds;
+}
+
+io::DataSet tableOf(const io::Scene& scene, const std::vector<Sample>& samples) {
+  io::DataSet out;
+  out.columns = {"capture", "time_s", "tag", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"};
+  const auto actuators = static_cast<Eigen::Index>(scene.arm.actuatorCount());
+  for (Eigen::Index i = 1; i <= actuators; ++i) {
+    out.columns.push_back("pressure_" + std::to_string(i) + "_pa");
+  }
+  std::vector<Eigen::RowVectorXd> rows;
+  for (std::size_t k = 0; k < samples.size(); ++k) {
+    for (const TagObservation& body : samples[k].tags) {
+      const lie::SE3 X = body.X_FM();
+      Eigen::RowVectorXd row(10 + actuators);
+      row << static_cast<double>(k + 1), samples[k].time, body.id, X.translation.transpose(),
+          Eigen::Quaterniond(X.rotation).coeffs().transpose(),
+          scene.arm.clamped(samples[k].pressure).transpose();
+      rows.push_back(row);
+    }
+  }
+  out.values.resize(static_cast<Eigen::Index>(rows.size()), 10 + actuators);
+  for (std::size_t k = 0; k < rows.size(); ++k) {
+    out.values.row(static_cast<Eigen::Index>(k)) = rows[k];
+    out.lines.push_back(static_cast<int>(k) + 1);
+  }
+  return out;
 }
 
 }  // namespace
@@ -153,43 +169,19 @@ std::vector<Sample> samplesAtRest(const io::Scene& scene, const io::BodyTable& t
   return out;
 }
 
-namespace {
-
-io::DataSet tableOf(const io::Scene& scene, const std::vector<Sample>& samples) {
-  io::DataSet out;
-  out.columns = {"capture", "time_s", "tag", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"};
-  const auto actuators = static_cast<Eigen::Index>(scene.arm.actuatorCount());
-  for (Eigen::Index i = 1; i <= actuators; ++i) {
-    out.columns.push_back("pressure_" + std::to_string(i) + "_pa");
-  }
-  std::vector<Eigen::RowVectorXd> rows;
-  for (std::size_t k = 0; k < samples.size(); ++k) {
-    for (const TagObservation& body : samples[k].tags) {
-      const lie::SE3 X = body.X_FM();
-      Eigen::RowVectorXd row(10 + actuators);
-      row << static_cast<double>(k + 1), samples[k].time, body.id, X.translation.transpose(),
-          Eigen::Quaterniond(X.rotation).coeffs().transpose(),
-          scene.arm.clamped(samples[k].pressure).transpose();
-      rows.push_back(row);
-    }
-  }
-  out.values.resize(static_cast<Eigen::Index>(rows.size()), 10 + actuators);
-  for (std::size_t k = 0; k < rows.size(); ++k) {
-    out.values.row(static_cast<Eigen::Index>(k)) = rows[k];
-    out.lines.push_back(static_cast<int>(k) + 1);
-  }
-  return out;
-}
-
-}  // namespace
-
 ClockLag lagBetween(const std::vector<double>& from, const Eigen::MatrixXd& of_from,
                     const std::vector<double>& to, const Eigen::MatrixXd& of_to) {
   const double length_from = from.back() - from.front(), length_to = to.back() - to.front();
   const double lowest = to.front() - from.front() - length_from,
                highest = to.front() - from.front() + length_to;
   const double step = std::max(kLeastStep, (highest - lowest) / kMostSteps);
-  return bestOf({from, of_from, step}, {to, of_to, step}, lowest, highest, step);
+  const Activity one(from, of_from, step), other(to, of_to, step);
+  ClockLag best{0.5 * (lowest + highest), -1.0};
+  for (double lag = lowest; lag <= highest; lag += step) {
+    const auto value = one.correlation(other, lag);
+    if (value && *value > best.correlation) best = {lag, *value};
+  }
+  return best;
 }
 
 io::DataSet measurementsOf(const io::Scene& scene, const std::string& path,

@@ -24,8 +24,6 @@ constexpr int kLeastTags = 3;
 constexpr double kMostShapeDeviations = 3.0;
 constexpr double kMostRms = 1.0;  // [px]
 
-std::string number(double value, int digits) { return basics::format("%.*g", digits, value); }
-
 using Observations = std::map<int, std::vector<Corners>>;  // by index in the layout
 
 bool isUnique(const std::vector<TagDetection>& tags, const TagDetection& tag) {
@@ -58,10 +56,10 @@ std::string whyMoved(const io::Scene& scene, const Observations& seen) {
     for (const Corners& one : observations) {
       const double off = (one - mean).norm() / std::sqrt(8.0);
       if (off <= kMostCornerMotion) continue;
-      return "tag " + std::to_string(scene.tags->tags[static_cast<std::size_t>(tag)].id) + " is " +
-             number(off, 2) + " px off its mean over the pictures; expected at most " +
-             number(kMostCornerMotion, 2) +
-             " px: keep camera and arm still, and use pictures of one pose only";
+      return basics::format(
+          "tag %d is %.2g px off its mean over the pictures; expected at most %.2g px: keep camera "
+          "and arm still, and use pictures of one pose only",
+          scene.tags->tags[static_cast<std::size_t>(tag)].id, off, kMostCornerMotion);
     }
   }
   return "";
@@ -72,8 +70,6 @@ std::string whyNotFitted(const CameraPlacing& placing) {
   switch (fit.status) {
     case PlacementStatus::kPlaced:
       break;
-    case PlacementStatus::kTooFewTags:
-      return "fewer than two tags can be used";
     case PlacementStatus::kUnexplained:
       return "no pose of the camera fits more than half of the tags; those that do not fit: " +
              io::listOf(placing.outliers) +
@@ -85,11 +81,11 @@ std::string whyNotFitted(const CameraPlacing& placing) {
   const Eigen::Matrix<double, 6, 1> error = placing.covariance.diagonal().cwiseMax(0).cwiseSqrt();
   const double position = error.head<3>().maxCoeff(), rotation = error.tail<3>().maxCoeff();
   if (position <= kMostPositionError && rotation <= kMostRotationError) return "";
-  return "the tags in sight place the camera to " + number(1e3 * position, 2) + " mm and " +
-         number(rotation * 180 / basics::kPi, 2) + " deg only; expected " +
-         number(1e3 * kMostPositionError, 2) + " mm and " +
-         number(kMostRotationError * 180 / basics::kPi, 2) +
-         " deg: bring more tags into sight, or move the camera closer";
+  constexpr double kDegrees = 180 / basics::kPi;
+  return basics::format(
+      "the tags in sight place the camera to %.2g mm and %.2g deg only; expected %.2g mm and %.2g "
+      "deg: bring more tags into sight, or move the camera closer",
+      1e3 * position, rotation * kDegrees, 1e3 * kMostPositionError, kMostRotationError * kDegrees);
 }
 
 // Takes the outliers of a fit out of the tags, unless no pose fits most of them: even with little
@@ -137,14 +133,16 @@ void advise(CameraPlacing& out) {
                            "; check their places in tags.groups");
   }
   if (out.fit.rms > kMostRms) {
-    out.warnings.push_back("the corners' RMS is " + number(out.fit.rms, 2) +
-                           " px; expected 1 px: calibrate the camera at this focus and size, and "
-                           "check tags.size_m");
+    out.warnings.push_back(
+        basics::format("the corners' RMS is %.2g px; expected 1 px: calibrate the camera at this "
+                       "focus and size, and check tags.size_m",
+                       out.fit.rms));
   }
   if (out.fit.shape_deviations > kMostShapeDeviations) {
-    out.warnings.push_back("the arm's shape is " + number(out.fit.shape_deviations, 2) +
-                           " standard deviations off the model's; expected 3: let it come to rest "
-                           "without pressure and without contact");
+    out.warnings.push_back(
+        basics::format("the arm's shape is %.2g standard deviations off the model's; expected 3: "
+                       "let it come to rest without pressure and without contact",
+                       out.fit.shape_deviations));
   }
 }
 

@@ -40,13 +40,10 @@ Eigen::MatrixXd thereAndBack(const Eigen::MatrixXd& plan) {
 
 Eigen::MatrixXd defaultPressurePlan(const model::Arm& arm) {
   const int count = arm.actuatorCount();
-  const auto levels = static_cast<int>(kLevels.size());
-  Eigen::MatrixXd plan = arm.inputAt(0).transpose().replicate(levels, 1);
-  for (int step = 0; step < levels; ++step) {
-    const int i = step % count;
-    const model::Range& limits = arm.actuator(i).limits;
+  Eigen::MatrixXd plan(kLevels.size(), count);
+  for (Eigen::Index step = 0; step < plan.rows(); ++step) {
     const double share = kLevels[static_cast<std::size_t>(step)] / kLevels.back();
-    plan(step, i) = limits.lower + share * (limits.upper - limits.lower);
+    plan.row(step) = arm.inputAt(share * Eigen::VectorXd::Unit(count, step % count));
   }
   return plan;
 }
@@ -98,9 +95,8 @@ Eigen::MatrixXd pressureTour(const model::Arm& arm, double fraction) {
     }
   }
   Eigen::MatrixXd tour(share.rows(), share.cols());
-  for (int i = 0; i < arm.actuatorCount(); ++i) {
-    const model::Range& limits = arm.actuator(i).limits;
-    tour.col(i) = limits.lower + (fraction * (limits.upper - limits.lower) * share.col(i)).array();
+  for (Eigen::Index row = 0; row < tour.rows(); ++row) {
+    tour.row(row) = arm.inputAt(Eigen::VectorXd(fraction * share.row(row)));
   }
   return tour;
 }

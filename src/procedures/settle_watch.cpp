@@ -14,19 +14,6 @@
 
 namespace helix_arm::procedures {
 
-TagObservation TagObservation::ofBody(int id, const lie::SE3& X_FM) {
-  TagObservation out{id, Eigen::Matrix<double, 2, 4>::Zero()};
-  out.points.emplace();
-  *out.points << X_FM.translation, (kAxis * X_FM.rotation).colwise() + X_FM.translation;
-  return out;
-}
-
-lie::SE3 TagObservation::X_FM() const {
-  const Eigen::Vector3d origin = points->col(0);
-  const Eigen::Matrix3d axes = (points->rightCols<3>().colwise() - origin) / kAxis;
-  return {Eigen::Quaterniond(axes).normalized().toRotationMatrix(), origin};
-}
-
 namespace {
 
 // All coordinates of a tag or body.
@@ -38,41 +25,6 @@ Eigen::Map<Eigen::ArrayXd> coordinatesOf(TagObservation& one) {
   if (one.points) return {one.points->data(), one.points->size()};
   return {one.corners.data(), one.corners.size()};
 }
-
-}  // namespace
-
-Sample medianOf(const std::vector<Sample>& samples) {
-  basics::require(!samples.empty(), "a median of no samples; expected at least one");
-  Sample out{samples.back().time, samples.back().pressure, {}};
-  std::map<int, std::vector<const TagObservation*>> observations;
-  for (const Sample& sample : samples) {
-    basics::require(sample.pressure.size() == out.pressure.size(), "samples of ",
-                    sample.pressure.size(), " and of ", out.pressure.size(),
-                    " pressures; expected those of one arm");
-    out.time = std::max(out.time, sample.time);
-    for (const TagObservation& tag : sample.tags) observations[tag.id].push_back(&tag);
-  }
-  std::vector<double> values;
-  const auto median = [&values](const auto& entries, const auto& valueOf) {
-    values.clear();
-    for (const auto& entry : entries) values.push_back(valueOf(entry));
-    return basics::medianOf(values);
-  };
-  for (Eigen::Index i = 0; i < out.pressure.size(); ++i) {
-    out.pressure[i] = median(samples, [i](const Sample& s) { return s.pressure[i]; });
-  }
-  for (const auto& [id, seen] : observations) {
-    if (2 * seen.size() < samples.size()) continue;
-    TagObservation& tag = out.tags.emplace_back(*seen.front());
-    auto coordinates = coordinatesOf(tag);
-    for (Eigen::Index k = 0; k < coordinates.size(); ++k) {
-      coordinates[k] = median(seen, [k](const TagObservation* s) { return coordinatesOf(*s)[k]; });
-    }
-  }
-  return out;
-}
-
-namespace {
 
 // Fraction of the tags that must be still; a few may be misread.
 constexpr double kStillShare = 0.75;
@@ -116,6 +68,50 @@ std::string staleness(std::optional<double> last, double now, double max_age, co
 }
 
 }  // namespace
+
+TagObservation TagObservation::ofBody(int id, const lie::SE3& X_FM) {
+  TagObservation out{id, Eigen::Matrix<double, 2, 4>::Zero()};
+  out.points.emplace();
+  *out.points << X_FM.translation, (kAxis * X_FM.rotation).colwise() + X_FM.translation;
+  return out;
+}
+
+lie::SE3 TagObservation::X_FM() const {
+  const Eigen::Vector3d origin = points->col(0);
+  const Eigen::Matrix3d axes = (points->rightCols<3>().colwise() - origin) / kAxis;
+  return {Eigen::Quaterniond(axes).normalized().toRotationMatrix(), origin};
+}
+
+Sample medianOf(const std::vector<Sample>& samples) {
+  basics::require(!samples.empty(), "a median of no samples; expected at least one");
+  Sample out{samples.back().time, samples.back().pressure, {}};
+  std::map<int, std::vector<const TagObservation*>> observations;
+  for (const Sample& sample : samples) {
+    basics::require(sample.pressure.size() == out.pressure.size(), "samples of ",
+                    sample.pressure.size(), " and of ", out.pressure.size(),
+                    " pressures; expected those of one arm");
+    out.time = std::max(out.time, sample.time);
+    for (const TagObservation& tag : sample.tags) observations[tag.id].push_back(&tag);
+  }
+  std::vector<double> values;
+  const auto median = [&values](const auto& entries, const auto& valueOf) {
+    values.clear();
+    for (const auto& entry : entries) values.push_back(valueOf(entry));
+    return basics::medianOf(values);
+  };
+  for (Eigen::Index i = 0; i < out.pressure.size(); ++i) {
+    out.pressure[i] = median(samples, [i](const Sample& s) { return s.pressure[i]; });
+  }
+  for (const auto& [id, seen] : observations) {
+    if (2 * seen.size() < samples.size()) continue;
+    TagObservation& tag = out.tags.emplace_back(*seen.front());
+    auto coordinates = coordinatesOf(tag);
+    for (Eigen::Index k = 0; k < coordinates.size(); ++k) {
+      coordinates[k] = median(seen, [k](const TagObservation* s) { return coordinatesOf(*s)[k]; });
+    }
+  }
+  return out;
+}
 
 void SettleRules::validate() const {
   basics::requirePositive("the settle rules", {{"pressure_tolerance", pressure_tolerance},

@@ -379,27 +379,6 @@ Motion motionOf(const model::InputHistory& history, const Eigen::MatrixXd& posit
   return {time(rows), position(rows, Eigen::all), rows};
 }
 
-}  // namespace
-
-Estimate pooled(const std::vector<Estimate>& values) {
-  const auto count = static_cast<Eigen::Index>(values.size());
-  Eigen::ArrayXd value(count), variance(count);
-  for (Eigen::Index i = 0; i < count; ++i) {
-    value[i] = values[i].value;
-    variance[i] = std::max(values[i].standard_error * values[i].standard_error, 1e-300);
-  }
-  const Eigen::ArrayXd weight = 1 / variance;
-  const double sum = weight.sum(), mean = (weight * value).sum() / sum;
-  const double excess = (weight * (value - mean).square()).sum() - static_cast<double>(count - 1);
-  const double own = count > 1 ? std::max(excess / (sum - weight.square().sum() / sum), 0.0) : 0.0;
-  const double usual = std::pow(kUsualScatter * mean, 2);
-  const Eigen::ArrayXd shared = 1 / (variance + std::max(own, usual));
-  return {(shared * value).sum() / shared.sum(),
-          std::sqrt((shared.square() * (variance + own)).sum()) / shared.sum()};
-}
-
-namespace {
-
 // The mode that the releases have in common.
 void pool(ModeFit& fit) {
   std::vector<Estimate> frequencies, dampings;
@@ -426,6 +405,23 @@ void pool(ModeFit& fit) {
 }
 
 }  // namespace
+
+Estimate pooled(const std::vector<Estimate>& values) {
+  const auto count = static_cast<Eigen::Index>(values.size());
+  Eigen::ArrayXd value(count), variance(count);
+  for (Eigen::Index i = 0; i < count; ++i) {
+    value[i] = values[i].value;
+    variance[i] = std::max(values[i].standard_error * values[i].standard_error, 1e-300);
+  }
+  const Eigen::ArrayXd weight = 1 / variance;
+  const double sum = weight.sum(), mean = (weight * value).sum() / sum;
+  const double excess = (weight * (value - mean).square()).sum() - static_cast<double>(count - 1);
+  const double own = count > 1 ? std::max(excess / (sum - weight.square().sum() / sum), 0.0) : 0.0;
+  const double usual = std::pow(kUsualScatter * mean, 2);
+  const Eigen::ArrayXd shared = 1 / (variance + std::max(own, usual));
+  return {(shared * value).sum() / shared.sum(),
+          std::sqrt((shared.square() * (variance + own)).sum()) / shared.sum()};
+}
 
 ModeFit fitMode(const model::InputHistory& history, const Eigen::MatrixXd& position) {
   const auto rows = static_cast<Eigen::Index>(history.time.size());

@@ -149,20 +149,13 @@ class ResponseReadings {
     return range_ > 0 ? largest / range_ : 0.0;
   }
 
-  /// Numbers of rows at which a pressure rises, or falls, too fast to be at rest.
-  struct Motion {
-    int rising = 0, falling = 0;
-  };
-
-  Motion motion() const {
-    Motion motion;
-    if (history_.time.empty() || moving_.empty()) return motion;
+  /// Pressures (rows x actuators) less those of an arm that is nearly at rest, in parts of the
+  /// range; without rows if no motion is known.
+  Eigen::ArrayXXd behind() const {
+    if (history_.time.empty() || moving_.empty()) return {};
     model::Response rest;
     rest.rise_time = rest.fall_time = kRestLag;
-    const Eigen::MatrixXd behind = history_.input - effective(rest);
-    motion.rising = static_cast<int>((behind.array() > kInMotion * range_).count());
-    motion.falling = static_cast<int>((behind.array() < -kInMotion * range_).count());
-    return motion;
+    return (history_.input - effective(rest)) / range_;
   }
 
  private:
@@ -377,9 +370,12 @@ constexpr double kStartWeight = 0.3;     // of one play
 constexpr int kLeastDegree = 2, kMostDegree = 4;
 constexpr int kMostCoefficients = 84;  // six pressures to the third degree
 
-std::vector<ResponseNumber> responseLags(const ResponseReadings::Motion& motion) {
-  if (motion.rising + motion.falling < kLeastInMotion) return {};
-  if (std::min(motion.rising, motion.falling) < kLeastInMotion / 2) return {{ResponseNumber::kLag}};
+// The lags that the readings tell: of rises and falls, or one for both.
+std::vector<ResponseNumber> responseLags(const ResponseReadings& readings) {
+  const Eigen::ArrayXXd behind = readings.behind();
+  const auto rising = (behind > kInMotion).count(), falling = (behind < -kInMotion).count();
+  if (rising + falling < kLeastInMotion) return {};
+  if (std::min(rising, falling) < kLeastInMotion / 2) return {{ResponseNumber::kLag}};
   return {{ResponseNumber::kRise}, {ResponseNumber::kFall}};
 }
 
@@ -552,7 +548,7 @@ ResponseFit fitReadings(const ResponseReadings& readings, bool several) {
                           3 * readings.coefficients(), " at pressures that differ");
     return out;
   }
-  const std::vector<ResponseNumber> lags = responseLags(readings.motion());
+  const std::vector<ResponseNumber> lags = responseLags(readings);
   const bool reverses = readings.largestReversal() >= kLeastReversal;
   const ResponseDescent descent(readings);
   std::vector<ResponseCandidate> candidates =

@@ -28,29 +28,24 @@ struct CameraPlacementOptions {
 /// Whether a camera was placed.
 enum class PlacementStatus {
   kPlaced,
-  kTooFewTags,    ///< fewer than 2
   kUnexplained,   ///< no pose fits more than half of the tags
   kNotConverged,  ///< the last estimate is returned, but it is not a minimum
 };
 
 /// Pose of a camera from one arm whose shape is known approximately.
 struct CameraPlacement {
-  PlacementStatus status = PlacementStatus::kTooFewTags;
+  PlacementStatus status = PlacementStatus::kNotConverged;
   lie::SE3 X_CB;  ///< the arm's base seen from the camera
   /// Covariance of the error xi [v; w] of X_CB = X_CB_true exp(xi) [m, rad]: of a motion of the
   /// base, seen from the base. It includes the priors of placements, shape and border shift, and
   /// the noise of the corners; it grows with the residuals if these are larger than expected.
   lie::Matrix6 covariance = lie::Matrix6::Zero();
   double border_shift = 0;  ///< [m]
-  model::Twists twists;     ///< (6 x sections) fitted mean twists, v [m], w [rad]
-  /// Largest deviation of an entry of the twists from the model's, in standard deviations of its
-  /// prior.
+  /// Largest deviation of an entry of the fitted twists from the model's, in standard deviations of
+  /// its prior.
   double shape_deviations = 0;
   double rms = 0;  ///< over the tags that fit: corners [px]
-  int iterations = 0;
   std::vector<TagResidual> tags;
-
-  int outliers() const;
 };
 
 /// Maximum a posteriori estimate of the camera's pose, together with the displacements of the tags,
@@ -59,7 +54,7 @@ struct CameraPlacement {
 ///
 /// @param arm    only its rest lengths are used, for the prior of the shape.
 /// @param shape  the model's shape, which the prior is about.
-/// @param seen   one entry per tag, no tag twice, all finite.
+/// @param seen   one entry per tag, no tag twice, all finite; 2 or more.
 /// @param focal  converts errors of directions to pixels, > 0 [px].
 /// @param start  approximate X_CB.
 CameraPlacement fitCameraPlacement(const model::Arm& arm, const TagLayout& layout,
