@@ -63,13 +63,16 @@ DampedStep dampedStep(CalibrationEquations& equations, const Eigen::VectorXd& da
 
 }  // namespace
 
-CalibrationEquations::CalibrationEquations(const ParameterBlocks& blocks)
+CalibrationEquations::CalibrationEquations(const ParameterBlocks& blocks, ParameterBlock eliminated)
     : blocks_(blocks.all()),
-      kept_(static_cast<int>(blocks.infos().size())),
       H_(Eigen::MatrixXd::Zero(blocks.columns(), blocks.columns())),
       gradient_(Eigen::VectorXd::Zero(blocks.columns())) {
   for (const ParameterBlocks::Block& block : blocks_) {
-    if (block.kind == ParameterBlock::kShape) eliminated_.push_back({block.column, block.size()});
+    if (block.kind == eliminated) {
+      eliminated_.push_back({block.column, block.size()});
+      continue;
+    }
+    for (int i = 0; i < block.size(); ++i) rest_.push_back(block.column + i);
   }
 }
 
@@ -118,27 +121,36 @@ bool CalibrationEquations::factor(const Eigen::VectorXd& damping) {
   const auto sound = [](const Cholesky& root) {
     return root.info() == Eigen::Success && root.matrixLLT().diagonal().allFinite();
   };
-  reduced_ = H_.topLeftCorner(kept_, kept_);
-  reduced_.diagonal() += damping.head(kept_);
-  reduced_gradient_ = gradient_.head(kept_);
+  reduced_ = H_(rest_, rest_);
+  reduced_.diagonal() += damping(rest_);
+  reduced_gradient_ = gradient_(rest_);
   for (Eliminated& one : eliminated_) {
+    std::vector<int> columns;
+    one.at.clear();
+    for (std::size_t k = 0; k < rest_.size(); ++k) {
+      if (H_.col(rest_[k]).segment(one.column, one.size).isZero(0)) continue;
+      one.at.push_back(static_cast<int>(k));
+      columns.push_back(rest_[k]);
+    }
     const auto rows = H_.middleRows(one.column, one.size);
     Eigen::MatrixXd own = rows.middleCols(one.column, one.size);
     own.diagonal() += damping.segment(one.column, one.size);
     if (!sound(one.root.compute(own))) return false;
-    one.scaled_cross = one.root.matrixL().solve(rows.leftCols(kept_));
+    one.scaled_cross = one.root.matrixL().solve(rows(Eigen::all, columns));
     one.scaled_gradient = one.root.matrixL().solve(gradient_.segment(one.column, one.size));
-    reduced_.noalias() -= one.scaled_cross.transpose() * one.scaled_cross;
-    reduced_gradient_ -= one.scaled_cross.transpose() * one.scaled_gradient;
+    const Eigen::MatrixXd square = one.scaled_cross.transpose() * one.scaled_cross;
+    reduced_(one.at, one.at) -= square;
+    reduced_gradient_(one.at) -= one.scaled_cross.transpose() * one.scaled_gradient;
   }
   return sound(root_.compute(reduced_));
 }
 
 Eigen::VectorXd CalibrationEquations::step() const {
   Eigen::VectorXd out(gradient_.size());
-  out.head(kept_) = root_.solve(-reduced_gradient_);
+  const Eigen::VectorXd rest = root_.solve(-reduced_gradient_);
+  out(rest_) = rest;
   for (const Eliminated& one : eliminated_) {
-    const Eigen::VectorXd scaled = -one.scaled_gradient - one.scaled_cross * out.head(kept_);
+    const Eigen::VectorXd scaled = -one.scaled_gradient - one.scaled_cross * rest(one.at);
     out.segment(one.column, one.size) = one.root.matrixU().solve(scaled);
   }
   return out;
@@ -150,12 +162,13 @@ Eigen::MatrixXd CalibrationEquations::reducedInverse() const {
 
 double CalibrationEquations::inverseTrace(const Eigen::VectorXd& weights) const {
   const Eigen::MatrixXd reduced = reducedInverse();
-  double trace = reduced.diagonal().dot(weights.head(kept_));
+  double trace = reduced.diagonal().dot(weights(rest_));
   for (const Eliminated& one : eliminated_) {
     const Eigen::MatrixXd unit = Eigen::MatrixXd::Identity(one.size, one.size);
     const Eigen::MatrixXd inverse = one.root.matrixU().solve(unit);
+    const Eigen::MatrixXd own_reduced = reduced(one.at, one.at);
     const Eigen::MatrixXd variance =
-        unit + one.scaled_cross * reduced * one.scaled_cross.transpose();
+        unit + one.scaled_cross * own_reduced * one.scaled_cross.transpose();
     trace += (inverse * variance * inverse.transpose())
                  .diagonal()
                  .dot(weights.segment(one.column, one.size));
@@ -179,7 +192,7 @@ CalibrationProblem::CalibrationProblem(const std::vector<ArmCaptures>& arms,
       costs_.push_back(termsOf(shared_, places_[costs_.size()], capture.reading, blocks_));
     }
   }
-  equations_.emplace(blocks_);
+  equations_.emplace(blocks_, options.free_shapes ? ParameterBlock::kShape : ParameterBlock::kTag);
   here_.captures.resize(places_.size());
   there_.captures.resize(places_.size());
 }
@@ -362,7 +375,7 @@ Eigen::MatrixXd CalibrationProblem::expectedInformation(const Eigen::VectorXd& p
   const Place place = placeAt(shared_, 0, 0, pressure);
   const CaptureState state = stateAt(shared_, place, kind_, blocks_, true);
   if (!state.shape.found) return Eigen::MatrixXd::Zero(blocks_.columns(), blocks_.columns());
-  CalibrationEquations expected(blocks_);
+  CalibrationEquations expected(blocks_, ParameterBlock::kTag);
   Eigen::MatrixXd by_pieces, J;
   Eigen::VectorXd residual;
   for (const auto& cost : expectedTerms(shared_, place, state, blocks_)) {

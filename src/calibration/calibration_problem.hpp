@@ -31,12 +31,13 @@ struct LinearisedCapture {
 /// Normal equations of a calibration, H = J'WJ and g = J'Wr of its readings and priors, in the
 /// order of the columns of ParameterBlocks.
 ///
-/// Each reading depends on at most one shape of a capture. These are eliminated: only the Schur
-/// complement of the columns before them is factored as a whole.
+/// Each reading depends on at most one of the blocks that are eliminated first, the shape of its
+/// capture or, if shapes come from the model, its tag: only the Schur complement of the remaining
+/// columns is factored as a whole.
 class CalibrationEquations {
  public:
   /// @param blocks  of which it keeps a reference.
-  explicit CalibrationEquations(const ParameterBlocks& blocks);
+  CalibrationEquations(const ParameterBlocks& blocks, ParameterBlock eliminated);
 
   /// Starts anew.
   void clear();
@@ -59,7 +60,7 @@ class CalibrationEquations {
   // Results with the last factors.
   /// Solution of (H + diag(damping)) x = -g.
   Eigen::VectorXd step() const;
-  /// The Schur complement, and its inverse.
+  /// The Schur complement, in the order of the columns that are not eliminated, and its inverse.
   const Eigen::MatrixXd& reduced() const { return reduced_; }
   Eigen::MatrixXd reducedInverse() const;
   /// Trace of (H + diag(damping))^-1 diag(weights).
@@ -67,9 +68,10 @@ class CalibrationEquations {
 
  private:
   using Cholesky = Eigen::LLT<Eigen::MatrixXd>;
-  // A block, and its factors own + damping = L L', L^-1 H(block, kept), L^-1 g(block).
+  // A block, and its factors own + damping = L L', L^-1 H(block, at), L^-1 g(block).
   struct Eliminated {
     int column, size;
+    std::vector<int> at = {};  // indices in the rest of the columns that its readings have, too
     Cholesky root = {};
     Eigen::MatrixXd scaled_cross = {};
     Eigen::VectorXd scaled_gradient = {};
@@ -77,7 +79,7 @@ class CalibrationEquations {
 
   const std::vector<ParameterBlocks::Block>& blocks_;
   std::vector<Eliminated> eliminated_;
-  const int kept_;  // columns that are not eliminated
+  std::vector<int> rest_;  // columns that are not eliminated
   Eigen::MatrixXd H_;
   Eigen::VectorXd gradient_;
   Eigen::MatrixXd reduced_;
