@@ -94,7 +94,7 @@ const estimation::TwistFit& fitTags(const io::Scene& scene, const estimation::Re
 struct FittedShape {
   statics::Solution model;
   std::optional<estimation::TwistFit> fit = {};  ///< absent without tags or, of corners, a camera
-  /// Of tag positions that no shape explains: the usual RMS, see estimation::checkCaptures() [m].
+  /// Usual RMS of tag positions, where no shape explains these: estimation::checkCaptures() [m].
   std::optional<double> usual_rms = {};
 };
 /// Fits every capture by itself, from the model's shape or, where its load finds no balance, that
