@@ -22,9 +22,10 @@ constexpr double kHighPass = 0.7;  // time constant [s]
 constexpr double kMemory = 15.0;   // of the comparison [s]
 // A mode counts if it leaves this part of the residual without one, or with the strongest damping.
 constexpr double kClear = 0.5;
-// Likewise a lag, of the residual of another one, for so long from the start on [s].
-constexpr double kClearLag = 0.5;
-constexpr double kEarly = 3.0;
+// Another lag counts, up to kEarly, once the logarithm of the ratio of residuals times the time of
+// comparison is this large, as a likelihood ratio grows with the number of errors [s].
+constexpr double kLagEvidence = 1.1;
+constexpr double kEarly = 3.0;  // [s]
 constexpr double kLeastPictures = 20.0;
 constexpr double kDirections = 2.0;  // of the motion that are independent
 
@@ -215,10 +216,8 @@ std::optional<ModeEstimator::Late> ModeEstimator::otherLag(double lag,
   if (best == 0 || best == lags_.size() - 1) return std::nullopt;  // it may be beyond
   while (after < lags_.size() - 1 && lags_[after] < lag) ++after;
   const double share = std::min((lag - lags_[after - 1]) / (lags_[after] - lags_[after - 1]), 1.0);
-  if (least >=
-      kClearLag * (residual[after - 1] + share * (residual[after] - residual[after - 1]))) {
-    return std::nullopt;
-  }
+  const double present = residual[after - 1] + share * (residual[after] - residual[after - 1]);
+  if (!(compared_for_ * std::log(present / least) >= kLagEvidence)) return std::nullopt;
   // The vertex of a parabola through the three.
   const double left = lags_[best] - lags_[best - 1], right = lags_[best + 1] - lags_[best];
   const double by_left = (least - residual[best - 1]) / left,

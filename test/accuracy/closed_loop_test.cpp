@@ -370,12 +370,13 @@ TEST(ClosedLoop, ThePredictedTipIsAsCertainAsItClaims) {
 
 // An arm of discs with inertia, which shares no code with the rig: its strokes are off by up to 10
 // %, its stiffness is uneven and grows with pressure, K_gamma, K_kappa, lag, play and dead time are
-// not those of the scene. The first tips, in which the loop learns, do not count.
+// not those of the scene. The first tips, in which the loop learns, count apart.
 struct DiscArm {
   const char* name;
   const char* options;
   double steady, settled, last_turn;  // largest [m], [s], of a circle in 8 s [m]
-  // With the dead time, at most 15 ms from the estimate. Where no mode is found it contains a part
+  double first;                       // largest of the first tip, while the lag is learnt [m]
+  // With the dead time, at most 20 ms from the estimate. Where no mode is found it contains a part
   // of the mode's own delay, at 3 Hz of 21 ms [s].
   double lag;
   bool by_default = false;
@@ -398,15 +399,17 @@ TEST_P(ClosedLoopOnDiscs, IsSteadyAndNotTakenForAContact) {
   const StepFigures figures = figuresOf(result, 6);
   ASSERT_TRUE(turns.figures.last_turn_rms);
   std::printf(
-      "[  FIGURE  ] %s: steady RMS %.2f mm, settled after %.2f s in the median, circle in 8 s %.2f "
-      "mm, %zu alarms\n",
-      discs.name, kMm * figures.steady_rms, figures.settle_median,
-      kMm * *turns.figures.last_turn_rms, result.alarms.size() + turns.alarms.size());
+      "[  FIGURE  ] %s: steady RMS %.2f mm, %.2f mm at the first tip, settled after %.2f s in the "
+      "median, circle in 8 s %.2f mm, %zu alarms\n",
+      discs.name, kMm * figures.steady_rms, kMm * result.figures.steady_rms[0],
+      figures.settle_median, kMm * *turns.figures.last_turn_rms,
+      result.alarms.size() + turns.alarms.size());
   EXPECT_GE(figures.reached, test::draws(2, 4));
   EXPECT_LE(figures.steady_rms, discs.steady);
+  EXPECT_LE(result.figures.steady_rms[0], discs.first);
   EXPECT_LE(figures.settle_median, discs.settled);
   EXPECT_LE(*turns.figures.last_turn_rms, discs.last_turn);
-  EXPECT_NEAR(result.lag.value, discs.lag, 0.015);
+  EXPECT_NEAR(result.lag.value, discs.lag, 0.02);
   EXPECT_TRUE(result.alarms.empty());
   for (const procedures::FollowState& state : result.states) {
     EXPECT_NE(state.state, follow::LoopState::kDiverging);
@@ -416,12 +419,16 @@ TEST_P(ClosedLoopOnDiscs, IsSteadyAndNotTakenForAContact) {
 INSTANTIATE_TEST_SUITE_P(
     Arms, ClosedLoopOnDiscs,
     testing::Values(
-        DiscArm{"ten_hz", "--frequency 10 --damping 0.3", 0.0004, 1.5, 0.0015, 0.13},
-        DiscArm{"ten_hz_slow", "--frequency 10 --damping 0.3 --lag 0.3", 0.0004, 1.5, 0.0015, 0.33},
-        DiscArm{"three_hz", "--frequency 3 --damping 0.2", 0.0004, 1.5, 0.0015, 0.14, true},
-        DiscArm{"one_and_a_half_hz", "--frequency 1.5 --damping 0.05", 0.0006, 2.0, 0.0015, 0.13},
+        DiscArm{"ten_hz", "--frequency 10 --damping 0.3", 0.0004, 1.5, 0.0015, 0.003, 0.13},
+        DiscArm{"ten_hz_slow", "--frequency 10 --damping 0.3 --lag 0.3", 0.0004, 1.5, 0.0015,
+                0.0013, 0.33},
+        DiscArm{"three_hz", "--frequency 3 --damping 0.2", 0.0004, 1.5, 0.0015, 0.003, 0.14, true},
+        DiscArm{"three_hz_slow", "--frequency 3 --damping 0.2 --lag 0.3", 0.0006, 1.5, 0.0015,
+                0.0013, 0.34},
+        DiscArm{"one_and_a_half_hz", "--frequency 1.5 --damping 0.05", 0.0006, 2.0, 0.0015, 0.003,
+                0.13},
         DiscArm{"one_and_a_half_hz_slow", "--frequency 1.5 --damping 0.05 --lag 0.3", 0.0008, 2.0,
-                0.0015, 0.33}),
+                0.0015, 0.003, 0.33}),
     [](const auto& discs) { return std::string(discs.param.name); });
 
 // Soft arms that hang, whose load is told 10 % too low: measured and predicted tips have the same
