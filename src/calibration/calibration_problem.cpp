@@ -394,7 +394,8 @@ Eigen::VectorXd CalibrationProblem::priorInformation() const {
 }
 
 std::optional<double> CalibrationProblem::K_eps() const {
-  return options().fits(FitParameter::kEps) ? std::optional(elasticity().K_eps) : std::nullopt;
+  const bool fitted = options().fits(FitParameter::kEps) && !options().free_shapes;
+  return fitted ? std::optional(elasticity().K_eps) : std::nullopt;
 }
 
 Eigen::VectorXd CalibrationProblem::lengthScale() const {

@@ -126,7 +126,7 @@ std::string shortestReason(double length) {
                    " m; expected lengths > 0: correct the samples");
 }
 
-// The first sample that is none, as a reason; empty if there is none.
+// Why the first faulty sample is refused; empty if all are sound.
 std::string faultOf(const std::vector<LengthSample>& samples) {
   for (std::size_t i = 0; i < samples.size(); ++i) {
     const auto [pressure, length] = samples[i];

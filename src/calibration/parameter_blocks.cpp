@@ -4,7 +4,6 @@
 #include <cstddef>
 #include <iterator>
 #include <stdexcept>
-#include <utility>
 
 namespace helix_arm::estimation {
 namespace {

@@ -41,7 +41,7 @@ class ArmSwing {
   Eigen::MatrixXd noise(double part, const estimation::ArmFilter& tracker) const;
   /// By how much the lag may be off [s].
   double lagDoubt() const;
-  /// Covariance of twists by that.
+  /// Covariance of twists by the error of the lag.
   Eigen::MatrixXd lagNoise(const estimation::ArmFilter& tracker) const;
 
  private:

@@ -324,18 +324,20 @@ struct VisualServo::Workspace {
   }
 
   void learnMode(double stamp, const model::Twists& measured) {
+    const bool swung = swing.mode().has_value();
     swing.learn(measured, tracker, contact.load().contact || doubts());
     response.learn(swing.response());
+    // What began before the mode was known may be its swing.
+    if (!swung && swing.mode() && !contact.load().contact) contact.reset();
     if (const auto& lagged = swing.response().begunAnew()) {
       if (!learnAgain()) response.restart(stamp, *lagged, observer);
     }
   }
 
-  // Remembers a picture that the tracker is about to see, while the observer has the pressures of
-  // all since the first one.
+  // Remembers a picture that the tracker has seen, while the observer has the pressures of all
+  // since the first one.
   void remember(const estimation::ArmFilter::Input& picture) {
     if (!response.learns() || !remembers) return;
-    if (first_pictures.empty()) before_pictures = tracker.state();
     first_pictures.push_back(picture);
     remembers = first_pictures.front().time >= observer.earliest();
     if (!remembers) first_pictures.clear();
@@ -346,7 +348,8 @@ struct VisualServo::Workspace {
   }
 
   // With another lag, the first pictures show the arm at other pressures than those that the
-  // tracker compared them with. Returns false if they are not remembered.
+  // tracker compared them with. The watch, which forgets by itself, keeps what it learnt: it would
+  // change little. Returns false if the pictures are not remembered.
   bool learnAgain() {
     if (first_pictures.empty() || !observer.at(observer.earliest(), moment)) return false;
     response.restart(observer.earliest(), moment.pressure, observer);
@@ -356,16 +359,15 @@ struct VisualServo::Workspace {
     Eigen::VectorXd rate = Eigen::VectorXd::Zero(arm.actuatorCount());
     const estimation::ArmFilter::Input* last = nullptr;
     for (estimation::ArmFilter::Input& picture : first_pictures) {
-      observer.at(picture.time, moment);
+      if (!observer.at(picture.time, moment) && !observer.ahead(picture.time, moment)) continue;
       response.apply(picture.time, moment);
       picture.pressure = moment.pressure;
-      if (last && picture.time > last->time) {
-        rate = (picture.pressure - last->pressure) / (picture.time - last->time);
-      }
+      if (last) rate = (picture.pressure - last->pressure) / (picture.time - last->time);
       picture.variance = moment.variance + (doubt * rate).cwiseAbs2();
       tracker.see(picture);
       last = &picture;
     }
+    seen.pressure = first_pictures.back().pressure;
     return true;
   }
 
@@ -428,7 +430,7 @@ struct VisualServo::Workspace {
   control::PressureObserver::Estimate at_picture;
   estimation::ArmFilter::Input seen;
   ArmSwing swing;
-  // Of an arm whose lag is learnt: its first pictures, and what the tracker knew before them.
+  // The first pictures of an arm whose lag is learnt, and what the tracker knew before them.
   std::vector<estimation::ArmFilter::Input> first_pictures;
   estimation::Gaussian before_pictures;
   bool remembers = true;
@@ -591,9 +593,10 @@ estimation::Observation VisualServo::picture(double stamp, double now, const mod
   // The watch has none of the lag's noise, in which a camera that slips would hide.
   w.seen = input;
   w.seen.covariance += w.swing.lagNoise(w.tracker);
-  w.remember({stamp, input.pressure, input.variance, twists, covariance});
+  if (w.first_pictures.empty()) w.before_pictures = w.tracker.state();
   out = w.tracker.see(w.seen);
   if (!out.accepted()) return out;
+  w.remember(input);
   w.learnMode(stamp, twists);
   if (!w.contact.load().contact || w.doubts()) {
     w.budget.update(w.watch, input, tags, w.doubts());
@@ -603,7 +606,7 @@ estimation::Observation VisualServo::picture(double stamp, double now, const mod
       model::shapeOf(w.arm, twists), w.tracker.twistCovariance(now - stamp));
   w.sight.accept(now, stamp, largestDeviation(tip_covariance));
   if (w.tracks(now)) w.learn();
-  w.compare(stamp, now, input.pressure, twists);
+  w.compare(stamp, now, w.seen.pressure, twists);
   return out;
 }
 

@@ -93,7 +93,7 @@ const estimation::TwistFit& fitTags(const io::Scene& scene, const estimation::Re
 /// arm, and the shape of its tags.
 struct FittedShape {
   statics::Solution model;
-  std::optional<estimation::TwistFit> fit = {};  ///< absent without tags or, of corners, a camera
+  std::optional<estimation::TwistFit> fit = {};  ///< absent for corners without a camera
   /// Usual RMS of tag positions, where no shape explains these: estimation::checkCaptures() [m].
   std::optional<double> usual_rms = {};
 };

@@ -449,7 +449,10 @@ Observation ArmFilter::see(const Input& input) {
 
 void ArmFilter::reset() { work_->start(); }
 
-void ArmFilter::forgetTime() { work_->last_time.reset(); }
+void ArmFilter::forgetTime() {
+  work_->last_time.reset();
+  work_->outliers = 0;
+}
 
 void ArmFilter::setState(const Gaussian& state) {
   work_->state = work_->withinReason(state);

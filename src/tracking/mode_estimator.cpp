@@ -24,7 +24,7 @@ constexpr double kMemory = 15.0;   // of the comparison [s]
 constexpr double kClear = 0.5;
 // Another lag counts, up to kEarly, once the logarithm of the ratio of residuals times the time of
 // comparison is this large, as a likelihood ratio grows with the number of errors [s].
-constexpr double kLagEvidence = 1.1;
+constexpr double kLagEvidence = 0.7;
 constexpr double kEarly = 3.0;  // [s]
 constexpr double kLeastPictures = 20.0;
 constexpr double kDirections = 2.0;  // of the motion that are independent
@@ -168,9 +168,11 @@ void ModeEstimator::compare(const Eigen::VectorXd& measured, const Eigen::Matrix
   }
   const double dt = *time_ - *compared_;
   compared_ = time_;
-  compared_for_ += dt;
   const double kept = std::exp(-dt / kHighPass), share = std::exp(-dt / kMemory);
   measured_ = kept * (measured_ + measured - last_measured_);
+  // Rest tells nothing.
+  const double least = kLeastMotion * kLeastMotion * static_cast<double>(measured_.size());
+  if (measured_.squaredNorm() >= least) compared_for_ += dt;
   last_measured_ = measured;
   passed_ = kept * (passed_ + x_ - last_x_);
   last_x_ = x_;
@@ -206,10 +208,11 @@ std::optional<ModeEstimator::Late> ModeEstimator::otherLag(double lag,
                                                            const std::optional<Mode>& mode) const {
   if (compared_for_ > kEarly || lags_.size() < 3) return std::nullopt;
   const Eigen::Index modes = turn_.size() / lags_.size();
+  const Eigen::Index place = mode ? placeOf(*mode) : 0;
   Eigen::ArrayXd residual(lags_.size());
   for (Eigen::Index i = 0; i < lags_.size(); ++i) {
     const auto of_lag = residual_.segment(i * modes, modes);
-    residual[i] = mode ? of_lag[placeOf(*mode)] : of_lag.minCoeff();
+    residual[i] = mode ? of_lag[place] : of_lag.minCoeff();
   }
   Eigen::Index best = 0, after = 1;
   const double least = residual.minCoeff(&best);
@@ -224,7 +227,9 @@ std::optional<ModeEstimator::Late> ModeEstimator::otherLag(double lag,
                by_right = (residual[best + 1] - least) / right;
   const double vertex =
       lags_[best] - 0.5 * left - 0.5 * by_left * (left + right) / (by_right - by_left);
-  return Late{vertex, 0.3 * (left + right), lagged_.col(best)};
+  const double deviation = 0.3 * (left + right);
+  if (!(std::abs(vertex - lag) > deviation)) return std::nullopt;  // the given one, or NaN
+  return Late{vertex, deviation, lagged_.col(best)};
 }
 
 void ModeEstimator::choose() {

@@ -44,9 +44,9 @@ struct Payload {
 Eigen::Matrix<double, 3, 26> payloadDirections();
 
 /// Largest force that an arm holds with its tip at a place: found by bisection over the inverse
-/// under load (loaded tier, order 5, or the exact tier if the model has that), each from the answer
-/// before. Of an arm with more actuators than its tip needs, or with stiffness that depends on
-/// pressure, other starts are tried as well; nothing proves that none carries more.
+/// under load (loaded tier, order 5, or the exact tier if the model has that), each from where the
+/// last two answers lead. For an arm with more actuators than its tip needs, or with stiffness that
+/// depends on pressure, other starts are tried as well; nothing proves that none carries more.
 ///
 /// The load of the model acts, too. One thread.
 class PayloadSolver {

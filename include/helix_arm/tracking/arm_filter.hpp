@@ -19,7 +19,7 @@ enum class ObservationFault {
   kNone,
   kFuture,       ///< its stamp is ahead of the clock
   kNotNewer,     ///< its stamp is not after that of the last one
-  kTooOld,       ///< the pressures of its time are forgotten
+  kTooOld,       ///< its stamp is more than a second before the readings
   kWrongSize,    ///< not of this arm
   kNotFinite,    ///< holds a value that is not finite
   kNotPositive,  ///< its covariance is not symmetric or not positive definite

@@ -65,7 +65,7 @@ class ModeEstimator {
   };
   /// The lag that explains the motion best: with this mode, or each lag with the mode or none that
   /// suits it best, so that no slow mode passes for a lag. Nothing where that explains the motion
-  /// hardly better than the given lag, and once pictures have been compared for 3 s.
+  /// hardly better than the given lag, and once pictures have shown 3 s of motion.
   std::optional<Late> otherLag(double lag, const std::optional<Mode>& mode) const;
   /// Most that a mode which the pictures have not refuted, at a damping of 0.16, adds to the
   /// lengths after their rates have changed (n) [m].
@@ -91,7 +91,7 @@ class ModeEstimator {
   Eigen::MatrixXd beyond_;                    // of its modes, lengths less their goals
   Eigen::VectorXd possible_;                  // (n)
   double weight_ = 0.0;                       // of pictures
-  double compared_for_ = 0.0;                 // [s]
+  double compared_for_ = 0.0;                 // in motion [s]
   std::optional<double> time_, compared_;     // of the hypotheses; of the last comparison [s]
   std::optional<Mode> mode_;
 };

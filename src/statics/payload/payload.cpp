@@ -23,7 +23,8 @@ constexpr TierSetting kSetting{Tier::kLoaded, 5};
 constexpr double kAccuracy = 1e-3;    // of the force
 constexpr double kGrowth = 2.0;       // of the force, as long as it is held
 constexpr double kMostStrain = 10.0;  // of all actuators, at which the search ends
-constexpr int kDescent = 8;           // iterations per force and start
+constexpr int kDescent = 40;          // iterations per force and start
+constexpr int kShortDescent = 8;      // the same where the last two answers lead
 constexpr int kOtherStarts = 10;      // two of equal inputs, the others drawn within the limits
 constexpr double kBeyond = 1.01;      // the force that other starts have to hold to be taken
 constexpr double kLeastForce = 1e-9;  // of the largest, below which none counts as held
@@ -58,9 +59,9 @@ class Push {
   Push& operator=(const Push&) = delete;
 
   // Moves a point to the nearest tip.
-  void descend(InversePoint& point) {
+  void descend(InversePoint& point, int most_iterations) {
     minimiser_.evaluate(point);
-    minimiser_.descend(point, kDescent);
+    minimiser_.descend(point, most_iterations);
   }
 
  private:
@@ -128,8 +129,10 @@ class PayloadSolver::Search {
     held_ = {0.0, arm().lengths(found_.input)};
     earlier_ = held_;
     Bracket found = grown({0.0, tolerance_ * stiffnessAt(base_, found_.input)});
-    while (std::isfinite(found.beyond) && holdsElsewhere(kBeyond * found.held)) {
-      found = grown({kBeyond * found.held, kGrowth * found.held});
+    while (std::isfinite(found.beyond)) {
+      const double more = found.held > 0 ? kBeyond * found.held : found.beyond;
+      if (!holdsElsewhere(more)) break;
+      found = grown({more, kGrowth * more});
     }
     out.force = found.held;
     box_.readInputs(held_.lengths, out.input);
@@ -168,19 +171,20 @@ class PayloadSolver::Search {
   }
 
   // The nearest tip under a force, from lengths (n).
-  InversePoint nearest(const ArmModel& model, const Eigen::VectorXd& lengths) const {
+  InversePoint nearest(const ArmModel& model, const Eigen::VectorXd& lengths,
+                       int most_iterations) const {
     InversePoint point(arm().actuatorCount(), 6 * arm().sectionCount());
     point.lengths = lengths;
-    Push(model, box_, tip_, tolerance_).descend(point);
+    Push(model, box_, tip_, tolerance_).descend(point, most_iterations);
     return point;
   }
   // Whether a force is held from lengths (n); the answer becomes held_.
-  bool holdsFrom(const Eigen::VectorXd& lengths, double force) {
+  bool holdsFrom(const Eigen::VectorXd& lengths, double force, int most_iterations) {
     const ArmModel model = pushed(force);
     const Tip here = model.tipOfLengths(lengths);
     if (!here.converged()) return false;
     if ((here.tip.translation - tip_).norm() <= tolerance_) return keep(lengths, force);
-    const InversePoint point = nearest(model, lengths);
+    const InversePoint point = nearest(model, lengths, most_iterations);
     return point.cost <= tolerance_ * tolerance_ && keep(point.lengths, force);
   }
   bool keep(const Eigen::VectorXd& lengths, double force) {
@@ -194,11 +198,11 @@ class PayloadSolver::Search {
     const double between = held_.force - earlier_.force;
     const double ratio = between > 0 ? (force - held_.force) / between : 0.0;
     const Eigen::VectorXd onwards = held_.lengths + ratio * (held_.lengths - earlier_.lengths);
-    return holdsFrom(onwards.cwiseMax(box_.lower()).cwiseMin(box_.upper()), force);
+    return holdsFrom(onwards.cwiseMax(box_.lower()).cwiseMin(box_.upper()), force, kShortDescent);
   }
   bool holdsElsewhere(double force) {
     return std::any_of(starts_.begin(), starts_.end(), [&](const Eigen::VectorXd& lengths) {
-      if (!holdsFrom(lengths, force)) return false;
+      if (!holdsFrom(lengths, force, kDescent)) return false;
       earlier_ = held_;
       return true;
     });
@@ -225,7 +229,7 @@ class PayloadSolver::Search {
   void nameEnd(double beyond, Payload& out) const {
     out.end = PayloadEnd::kNone;
     if (!std::isfinite(beyond)) return;
-    const InversePoint point = nearest(pushed(beyond), held_.lengths);
+    const InversePoint point = nearest(pushed(beyond), held_.lengths, kDescent);
     out.end = point.residual[0] < kNoBalance ? PayloadEnd::kUnactuated : PayloadEnd::kUnstable;
     const Eigen::VectorXd residual = point.residual.head<3>();
     for (int i = 0; i < point.lengths.size() && out.end != PayloadEnd::kUnstable; ++i) {
