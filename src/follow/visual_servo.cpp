@@ -327,7 +327,7 @@ struct VisualServo::Workspace {
     const bool swung = swing.mode().has_value();
     swing.learn(measured, tracker, contact.load().contact || doubts());
     response.learn(swing.response());
-    // What began before the mode was known may be its swing.
+    // An onset from before the mode was known may be its swing.
     if (!swung && swing.mode() && !contact.load().contact) contact.reset();
     if (const auto& lagged = swing.response().begunAnew()) {
       if (!learnAgain()) response.restart(stamp, *lagged, observer);

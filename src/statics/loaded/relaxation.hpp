@@ -283,7 +283,7 @@ class LoadedArmOf<Group>::Relaxation {
     return !(tail <= kLargestTail && tipErrorBound(tail) <= kDoubt * stated);
   }
 
-  // Compares with a solution that is finer, or on the branch of the unloaded shape, as the true one.
+  // Compares with a solution that is finer, or on the branch of the unloaded shape, as truth.
   void compareWith(const TipOf<Group>& finer, double stated) {
     const double off = (finer.tip.translation - tip_.translation).norm() / arm_.size_;
     const bool resolved = turn() <= kFinestTurn;
