@@ -337,14 +337,14 @@ struct VisualServo::Workspace {
   // Remembers a picture that the tracker has seen, while the observer has the pressures of all
   // since the first one.
   void remember(const estimation::ArmFilter::Input& picture) {
-    if (!response.learns() || !remembers) return;
+    if (!remembers) return;
     first_pictures.push_back(picture);
     remembers = first_pictures.front().time >= observer.earliest();
     if (!remembers) first_pictures.clear();
   }
   void forgetPictures() {
     first_pictures.clear();
-    remembers = true;
+    remembers = response.learns();
   }
 
   // With another lag, the first pictures show the arm at other pressures than those that the
@@ -372,11 +372,10 @@ struct VisualServo::Workspace {
   }
 
   // The measured tip with the wanted one at the time of the picture.
-  void compare(double stamp, double now, const Eigen::VectorXd& pressure,
-               const model::Twists& twists) {
+  void compare(double stamp, double now, const model::Twists& twists) {
     error.reset();
     const auto* const at = wanted.find(stamp);
-    const auto shape = tracker.shape(pressure);
+    const auto shape = tracker.shape(seen.pressure);
     if (!at || !shape) return;
     const lie::SE3 tip = model::tipPose(shape->about(twists));
     const Eigen::Vector3d offset = tip.translation + contact.load().tip_beyond_fit - at->place;
@@ -433,7 +432,7 @@ struct VisualServo::Workspace {
   // The first pictures of an arm whose lag is learnt, and what the tracker knew before them.
   std::vector<estimation::ArmFilter::Input> first_pictures;
   estimation::Gaussian before_pictures;
-  bool remembers = true;
+  bool remembers = response.learns();
   control::PressureObserver::Estimate moment;
   Eigen::VectorXd commanded;    // effective pressures of the last command (n) [Pa]
   Eigen::VectorXd held_back;    // of the last step (n) [Pa]
@@ -593,7 +592,7 @@ estimation::Observation VisualServo::picture(double stamp, double now, const mod
   // The watch has none of the lag's noise, in which a camera that slips would hide.
   w.seen = input;
   w.seen.covariance += w.swing.lagNoise(w.tracker);
-  if (w.first_pictures.empty()) w.before_pictures = w.tracker.state();
+  if (w.remembers && w.first_pictures.empty()) w.before_pictures = w.tracker.state();
   out = w.tracker.see(w.seen);
   if (!out.accepted()) return out;
   w.remember(input);
@@ -606,7 +605,7 @@ estimation::Observation VisualServo::picture(double stamp, double now, const mod
       model::shapeOf(w.arm, twists), w.tracker.twistCovariance(now - stamp));
   w.sight.accept(now, stamp, largestDeviation(tip_covariance));
   if (w.tracks(now)) w.learn();
-  w.compare(stamp, now, w.seen.pressure, twists);
+  w.compare(stamp, now, twists);
   return out;
 }
 
