@@ -274,10 +274,10 @@ class Checker:
                                    (" " + line.section if in_section else "", option))
 
     def check_sections(self, document):
-        """Every subcommand has a section; its options are told by its --help."""
-        sections = {line.section for line in document.lines}
-        for name in sorted(set(self.package.command.options) - sections):
-            self.fault(document, 1, "subcommand %s has no section" % name)
+        """Every subcommand is named; its options are told by its --help."""
+        named = {line.section for line in document.lines} | {code for line in document.lines for code in line.code()}
+        for name in sorted(set(self.package.command.options) - named):
+            self.fault(document, 1, "subcommand %s is not named" % name)
 
     def check_scene_example(self, document):
         """The scene that docs/scene.md begins with is short, and gives what the page says."""
