@@ -49,14 +49,6 @@ class ExamplesTest(unittest.TestCase):
         calibrated = helix_arm.Scene.load(self.folder / "calibrated.yaml")
         np.testing.assert_allclose(calibrated.tips(p), truth.tips(p), atol=1e-3)
 
-    def test_sample_workspace(self):
-        text = self.run_example("sample_workspace.py", "--points", 20000)
-        self.assertIn("20000 tips in", text)
-        with np.load(self.folder / "workspace.npz") as saved:
-            self.assertEqual(saved["density"].sum(), 20000)
-            scene = helix_arm.Scene.load("spatial_50")
-            np.testing.assert_allclose(scene.tips(saved["pressures_pa"]), saved["tips"], atol=1e-14)
-
     def test_sampling_mpc(self):
         text = self.run_example("sampling_mpc.py", "--samples", 120)
         planned, closed, learning = [float(number) for number in re.findall(r"after ([\d.]+) s", text)]
@@ -80,30 +72,6 @@ class ExamplesTest(unittest.TestCase):
         self.assertEqual(set(errors), set(bounds))
         for arm, error in errors.items():
             self.assertLess(error, bounds[arm], arm)
-
-    def test_read_bag(self):
-        try:
-            import rosbag
-        except ImportError:
-            self.skipTest("no rosbag for Python")
-        import genpy
-        from helix_arm.msg import ArmShape, PressureArray
-        scene = helix_arm.Scene.load("demo")
-        p = np.array([1e5, 2e5, 5e4])
-        tip = scene.tips(p) + [0, 0, 3e-3]
-        with rosbag.Bag(str(self.folder / "run.bag"), "w") as bag:
-            for i in range(10):
-                stamp = genpy.Time.from_sec(100 + 0.1 * i)
-                pressures = PressureArray(name=scene.actuators[::-1], pressure=p[::-1])
-                shape = ArmShape()
-                shape.tip.position.x, shape.tip.position.y, shape.tip.position.z = tip
-                for topic, message in [("/pressure_measured", pressures), ("/measured", shape)]:
-                    message.header.stamp = stamp
-                    bag.write(topic, message, stamp)
-        text = self.run_example("read_bag.py", "demo", "run.bag")
-        self.assertIn("10 pressures, 10 measured shapes; the model's tip is off by 3.0 mm RMS", text)
-        with np.load(self.folder / "recording.npz") as saved:
-            np.testing.assert_allclose(saved["pressures_pa"], np.tile(p, (10, 1)))
 
 
 if __name__ == "__main__":

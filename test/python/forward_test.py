@@ -1,6 +1,5 @@
 """Pressures to shapes: against the model written in NumPy, the layouts of arrays, and threads. Inverse, curve, Jacobian,
 motion and workspace: each against the forward model."""
-import itertools
 import os
 import pathlib
 import pickle
@@ -18,10 +17,6 @@ def pressures_of(scene, rows, seed=1):
     return np.random.default_rng(seed).uniform(lower, upper, (rows, len(lower)))
 
 
-class NamedScene(helix_arm.Scene):
-    """A scene with attributes of its own."""
-
-
 class ForwardTest(unittest.TestCase):
     def setUp(self):
         self.scene = helix_arm.Scene.load("helical_50")
@@ -34,15 +29,6 @@ class ForwardTest(unittest.TestCase):
         np.testing.assert_allclose(result.tips, arm.tips(p), atol=1e-11)
         np.testing.assert_allclose(self.scene.tips(p), arm.tips(p), atol=1e-11)
         self.assertTrue(result.converged.all())
-
-    def test_a_pickled_scene_is_the_same(self):
-        scene = helix_arm.Scene.load("helical_50", {"arm.stiffness.K_gamma": 60})
-        again = pickle.loads(pickle.dumps(scene))
-        p = pressures_of(scene, 5)
-        np.testing.assert_array_equal(again.tips(p), scene.tips(p))
-        self.assertIs(type(again), helix_arm.Scene)
-        arm = numpy_model.RingArm(tilt=np.radians(15), gamma=60.0, kappa=9.8e-5)
-        np.testing.assert_allclose(scene.tips(p), arm.tips(p), atol=1e-11, err_msg="what was set otherwise")
 
     def test_a_pickled_scene_is_found_from_any_folder(self):
         before = os.getcwd()
@@ -58,16 +44,6 @@ class ForwardTest(unittest.TestCase):
                 os.chdir(other)
                 self.assertEqual(pickle.loads(pickle.dumps(scene)).name, self.scene.name)
             os.chdir(before)
-
-    def test_shapes_follow_those_of_the_pressures(self):
-        for rows in [None, 0, 1, 7]:
-            lead = () if rows is None else (rows,)
-            result = self.scene.forward(np.zeros(lead + (3,)))
-            self.assertEqual(result.tips.shape, lead + (3,))
-            self.assertEqual(result.quaternions_xyzw.shape, lead + (4,))
-            self.assertEqual(result.twists.shape, lead + (1, 6))
-            self.assertEqual(np.shape(result.converged), lead)
-            self.assertEqual(self.scene.tips(np.zeros(lead + (3,))).shape, lead + (3,))
 
     def test_rows_and_single_calls_agree(self):
         for name in helix_arm.shipped_scenes():
@@ -101,13 +77,6 @@ class ForwardTest(unittest.TestCase):
         for threads in [0, 2, 3]:
             np.testing.assert_array_equal(self.scene.tips(p, threads=threads), self.scene.tips(p))
             np.testing.assert_array_equal(self.scene.forward(p, threads=threads).tips, self.scene.forward(p).tips)
-
-    def test_results_are_views_that_outlive_the_result(self):
-        result = self.scene.forward(pressures_of(self.scene, 10))
-        tips = result.tips
-        expected = tips.copy()
-        del result
-        np.testing.assert_array_equal(tips, expected)
 
     def test_out_is_written(self):
         p = pressures_of(self.scene, 10)
@@ -163,6 +132,7 @@ class InverseTest(unittest.TestCase):
         self.assertFalse(found.reached)
         self.assertGreater(found.position_error_m, 4)
 
+
 class CurveTest(unittest.TestCase):
     def test_ends_at_base_and_tip(self):
         for name in ["helical_50", "loaded"]:
@@ -199,28 +169,6 @@ class JacobianTest(unittest.TestCase):
             for name, value in scene.jacobian(row).to_dict().items():
                 np.testing.assert_array_equal(getattr(batch, name)[i], value, err_msg=name)
 
-    # That the rest is the same is tested of the library.
-    def test_what_is_left_out_is_none(self):
-        words = ["pressures", "lengths", "stiffness", "load"]
-        for name in ["demo", "loaded"]:
-            scene = helix_arm.Scene.load(name)
-            for p in [pressures_of(scene, 1)[0], pressures_of(scene, 3)]:
-                whole = scene.jacobian(p).to_dict()
-                for by in itertools.chain.from_iterable(itertools.combinations(words, count) for count in range(1, 5)):
-                    found = scene.jacobian(p, by=by, threads=2).to_dict()
-                    self.assertEqual(list(found), list(whole))
-                    for field, value in found.items():
-                        wanted = field == "converged" or field.split("_by_")[1] in by
-                        self.assertEqual(value is not None, wanted and whole[field] is not None, (name, by, field))
-
-    def test_load_needs_the_extensional_stiffness(self):
-        for by in ["load", ["load", "pressures"]]:
-            self.assertIsNone(helix_arm.Scene.load("helical_50").jacobian(np.zeros(3), by=by).tip_by_load)
-        self.assertIsNone(helix_arm.Scene.load("helical_50").jacobian(np.zeros(3)).tip_by_load)
-        compliance = helix_arm.Scene.load("demo").jacobian(np.zeros(3)).tip_by_load
-        self.assertEqual(compliance.shape, (6, 6))
-        self.assertTrue((np.linalg.eigvalsh(compliance) > -1e-12).all(), "energy would be negative")
-
 
 class PayloadTest(unittest.TestCase):
     def setUp(self):
@@ -236,24 +184,6 @@ class PayloadTest(unittest.TestCase):
         self.assertAlmostEqual(one.forces_n[0], all_ways.forces_n[3, 0], places=9)
         self.assertEqual(one.ends[0], all_ways.ends[3, 0])
         self.assertEqual(self.scene.payload(self.tips[0]).forces_n.shape, (26,))
-
-    def test_out_of_reach_is_nan(self):
-        found = self.scene.payload([2, 0, 0], [0, 0, 1])
-        self.assertFalse(found.reached)
-        self.assertTrue(np.isnan(found.forces_n).all())
-        self.assertEqual(found.ends[0], "unreached")
-
-    def test_refusals_name_the_argument(self):
-        for call, words in [(lambda: self.scene.payload([0.3, 0]), "tip"),
-                            (lambda: self.scene.payload([0.3, 0, 0], [0, 0, 0]), "directions"),
-                            (lambda: self.scene.payload([0.3, 0, 0], tolerance=0.0), "tolerance"),
-                            (lambda: self.scene.payload([0.3, 0, 0], moment=[1, 2]), "moment"),
-                            (lambda: helix_arm.Scene.load("planar_76").payload([0.3, 0, 0]), "K_eps_n"),
-                            (lambda: helix_arm.Scene.load("planar_76").attain([[0.4, 0, 0, 0, 0, 0]]), "K_eps_n"),
-                            (lambda: self.scene.attain([0.4, 0, 0, 0, 0, 0]), "twists"),
-                            (lambda: self.scene.attain([[0.4, 0, 0, 0, 0, 0]], [3, 0, 0, 1]), "s = 3")]:
-            with self.assertRaisesRegex(ValueError, words):
-                call()
 
     def test_unloaded_shapes_are_attained_by_their_pressures(self):
         free = helix_arm.Scene.load("loaded", {"load.gravity_m_s2": [0, 0, 0]})
@@ -284,12 +214,6 @@ class MotionTest(unittest.TestCase):
         energy = moved.energy_j
         parts = energy["kinetic"] + energy["elastic"] + energy["potential"] + energy["dissipated"]
         np.testing.assert_allclose(parts, energy["work"], rtol=1e-6)
-
-    def test_a_rollout_is_that_of_its_batch(self):
-        batch = self.scene.motion(self.pressures, self.times, start="straight", threads=2)
-        alone = self.scene.motion(self.pressures[1], self.times, start="straight")
-        np.testing.assert_array_equal(alone.tips, batch.tips[1])
-        self.assertEqual(alone.steps, batch.steps[1])
 
     def test_steps_are_the_motion_and_a_state_continues_it(self):
         pressures = self.pressures[2]
@@ -343,18 +267,6 @@ class MotionTest(unittest.TestCase):
             swings.append(np.linalg.norm(np.array(tips[-40:]) - linear.tip, axis=1).max())
         self.assertGreater(swings[0], 2e-3)
         self.assertLess(swings[1], 0.1 * swings[0])
-
-    def test_names_what_is_wrong(self):
-        for message, scene, pressures, times, options in [
-                ("row 2 of the inputs", self.scene, self.pressures[0], -self.times, {}),
-                (r"expected \(21, 3\) or \(rollouts, 21, 3\)", self.scene, self.pressures[0, :, :2], self.times, {}),
-                ("motion needs load.mass_kg", helix_arm.Scene.load("helical_50"), self.pressures[0], self.times, {}),
-                ("expected rest, straight or a state", self.scene, self.pressures[0], self.times, {"start": "moving"}),
-                ("expected 6 finite numbers", self.scene, self.pressures[0], self.times, {"start": np.zeros((2, 12))}),
-                ("order is 9", self.scene, self.pressures[0], self.times, {"order": 9}),
-                ("its limits", self.scene, 10 * self.pressures[0], self.times, {})]:
-            with self.subTest(message), self.assertRaisesRegex(ValueError, message):
-                scene.motion(pressures, times, **options)
 
 
 class WorkspaceTest(unittest.TestCase):

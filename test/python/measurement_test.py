@@ -45,12 +45,6 @@ class SimulatedRigTest(unittest.TestCase):
         model = np.linalg.norm(self.scene.tips(self.pressures) - self.tips, axis=1)
         self.assertGreater(model.max(), 6e-3, "the model alone is as good")
 
-    def test_columns_are_read_like_the_file(self):
-        path = self.rig / "tag_poses.csv"
-        from_file, from_columns = self.scene.fit(path), self.scene.fit(columns_of(path))
-        np.testing.assert_array_equal(from_file.twists, from_columns.twists)
-        self.assertEqual(from_file.outlier_tags, from_columns.outlier_tags)
-
     def test_evaluate_compares_the_model_with_what_was_measured(self):
         path = self.rig / "tag_corners.csv"
         fit, found = self.scene.fit(path), self.scene.evaluate(path)
@@ -99,14 +93,6 @@ class SimulatedRigTest(unittest.TestCase):
         after = np.linalg.norm(calibrated.tips(self.pressures) - self.tips, axis=1).mean()
         self.assertLess(after, 0.5 * before)
 
-    def test_a_suspect_is_corrected_on_request(self):
-        names, exchanged = ["pressure_1_kpa", "pressure_2_kpa"], self.rig / "exchanged.csv"
-        text = (self.rig / "tag_corners.csv").read_text(encoding="utf-8")
-        exchanged.write_text(text.replace(",".join(names), ",".join(names[::-1])), encoding="utf-8")
-        refused, corrected = (self.scene.calibrate(exchanged, fit=["stiffness", "length_scale"], apply_suspect=k) for k in (0, 1))
-        self.assertEqual((refused.success, refused.suspects[0].cause, corrected.success), (False, "channels_exchanged", True))
-        self.assertLess(corrected.tip_error_after_m, 0.3 * refused.tip_error_after_m)
-
 
 class CalibrationTest(unittest.TestCase):
     """Curvatures of an arm whose K_kappa is not that of its scene."""
@@ -139,16 +125,6 @@ class CalibrationTest(unittest.TestCase):
             path.write_text(found.scene_text, encoding="utf-8")
             np.testing.assert_allclose(helix_arm.Scene.load(path).tips(self.p), self.truth.tips(self.p), atol=1e-4)
 
-    def test_trials_may_have_names(self):
-        time, step = np.tile(np.arange(80) * 0.1, 2), np.tile(np.repeat([50.0, 250.0, 100.0, 200.0], 20), 2)
-        data = {"time_s": time, "pressure_1_kpa": step, "x_m": 0.3 - step**2 * 1e-7, "y_m": step * 1e-4}
-        named, counted = [self.scene.calibrate({**data, "trial": trial}, fit="response").message
-                          for trial in (["up"] * 80 + ["again"] * 80, np.repeat([1.0, 2.0], 80))]
-        self.assertEqual(named, counted)
-        turns = {"trial": np.repeat([1.0, 2.0], 80), **{one: step for one in ("qx", "qy", "qz", "qw")}}
-        for wrong, told in (({"trial": ["up"] * 160}, "time_s goes back"), (turns, "not of norm 1")):
-            with self.assertRaisesRegex(helix_arm.DocumentError, told):
-                self.scene.calibrate({**data, **wrong}, fit="response")
 
 class FollowTest(unittest.TestCase):
     def test_the_loop_is_better_than_the_model_alone(self):

@@ -7,7 +7,7 @@ import numpy as np
 from helix_arm import _core, run_record
 from helix_arm.file_access import FileAccess
 from helix_arm.pressure_series import SeriesPlayer
-from helix_arm.run_record import AHEAD, MOST_ROWS, MOST_VALUES, REACH, Row, TimeSeries, TipRecord
+from helix_arm.run_record import AHEAD, REACH, Row, TimeSeries, TipRecord
 
 ROWS = np.array([[100.0, 200.0], [300.0, 0.0]])
 
@@ -59,13 +59,6 @@ class SeriesTest(unittest.TestCase):
         series.advance(1.0)
         self.expect(series, 1, 300, 0)
 
-    def test_unusable_arguments_are_refused(self):
-        for ramp, hold in ((0.0, 0.0), (-1.0, 2.0), (1.0, np.inf), (np.nan, 1.0)):
-            with self.assertRaises(ValueError):
-                player(ramp, hold)
-        with self.assertRaises(ValueError):
-            SeriesPlayer(np.zeros((0, 2)), 1.0, 1.0, False)
-
 
 def series_of(*pairs):
     out = TimeSeries()
@@ -101,11 +94,6 @@ class TimeSeriesTest(unittest.TestCase):
         self.assertIsNone(series.in_force(5))
         self.assertEqual(series.in_force(5.1).tolist(), [1, 2])
 
-    def test_keeps_the_last_values_alone(self):
-        series = series_of(*((0.01 * k, k) for k in range(MOST_VALUES + 5)))
-        self.assertIsNone(series.in_force(0.04))
-        self.assertIsNotNone(series.in_force(0.05))
-
 
 def row_at(stamp, path_time, measured=0.003, **more):
     """Wanted at 0, measured 3 mm from it and predicted 2 mm."""
@@ -138,27 +126,11 @@ class RecordTest(unittest.TestCase):
         found = [(row.model, row.pressure, row.command.tolist()) for row in record.finish()]
         self.assertEqual(found, 3 * [(None, None, [5, 6])])
 
-    def test_its_rows_are_bounded(self):
-        record = TipRecord()
-        for k in range(MOST_ROWS + 5):
-            record.add(row_at(1e-3 * k, 0))
-        self.assertEqual((record.left_out, len(record.finish())), (5, MOST_ROWS))
-
     def test_errors_are_those_on_the_path(self):
         rows = [row_at(1, -0.1, 1), row_at(2, 0), row_at(3, 1, 0.004), row_at(4, 1.1, 1)]
         self.assertAlmostEqual(run_record.rms_of(rows, "measured", 1.0), np.sqrt((9e-6 + 16e-6) / 2), 15)
         self.assertAlmostEqual(run_record.rms_of(rows, "predicted", 1.0), 0.002, 15)
         self.assertIsNone(run_record.rms_of(rows, "model", 1.0))
-
-    def test_the_table_has_a_column_for_each_value_and_empty_cells_for_the_unknown(self):
-        known = {"model": np.array([0.5, 0.25, 0]), "command": np.array([1e3, 2e3]), "pressure": np.array([1500, 2500.0])}
-        self.assertEqual(
-            run_record.csv_of([row_at(100.25, -0.5), row_at(100.5, 0.25, **known)], 2),
-            "time_s,stamp_s,wanted_x_m,wanted_y_m,wanted_z_m,model_x_m,model_y_m,model_z_m,predicted_x_m,predicted_y_m,"
-            "predicted_z_m,measured_x_m,measured_y_m,measured_z_m,error_m,predicted_sd_m,command_1_pa,command_2_pa,"
-            "pressure_1_pa,pressure_2_pa,state\n"
-            "-0.5,100.25,0,0,0,,,,0,0,0.002,0,0.003,0,0.003,0.0001,,,,,closed\n"
-            "0.25,100.5,0,0,0,0.5,0.25,0,0,0,0.002,0,0.003,0,0.003,0.0001,1000,2000,1500,2500,closed\n")
 
 
 CALIBRATED = b"""

@@ -37,18 +37,6 @@ class PackageTest(unittest.TestCase):
         told = self.said("bash", "-c", f"source '{ARGUMENTS.setup}' && '{sys.executable}' -c '{code}'")
         self.assertEqual(told, "annotated\n")
 
-    def test_every_public_name_has_a_docstring(self):
-        sys.path.insert(0, ARGUMENTS.path)
-        import helix_arm
-        for name in helix_arm.__all__:
-            public = getattr(helix_arm, name)
-            self.assertTrue(public.__doc__, name)
-            if not isinstance(public, type) or issubclass(public, Exception):
-                continue
-            for member in dir(public):
-                if not member.startswith("_"):
-                    self.assertTrue(getattr(public, member).__doc__, f"{name}.{member}")
-
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser()
