@@ -14,7 +14,7 @@ from helix_arm.arguments import require
 from helix_arm.client_watch import ClientWatch
 from helix_arm.node import log
 
-LINK_PATIENCE = 5.0  # after which all links to an action are asked for again [s]
+LINK_PATIENCE = 5.0  # after which all links to an action are asked for again, then after twice as long, and so on [s]
 
 
 def text_of(fault: Exception) -> str:
@@ -78,8 +78,8 @@ class ActionServer(actionlib.SimpleActionServer):
 class PatientClient(actionlib.ActionClient):
     """Client of an action by its resolved name. A SimpleActionClient loses an answer that comes before its send_goal() returns."""
 
-    def __init__(self, action: str, kind: Any) -> None:
-        self._asked = time.monotonic()
+    def __init__(self, action: str, kind: Any, patience: float = LINK_PATIENCE) -> None:
+        self._asked, self._patience = time.monotonic(), patience
         super().__init__(action, kind)
 
     def is_connected(self) -> bool:
@@ -93,9 +93,9 @@ class PatientClient(actionlib.ActionClient):
 
     def ask_again(self) -> None:
         """Before a goal, often: asks anew for links that have not come, since ROS does not repeat a word that was lost."""
-        if time.monotonic() - self._asked > LINK_PATIENCE:
+        if time.monotonic() - self._asked > self._patience:
             self.stop()
-            self.__init__(self.ns, self.ActionSpec)
+            self.__init__(self.ns, self.ActionSpec, 2 * self._patience)
 
 
 class JobSlot:
