@@ -1,7 +1,5 @@
 // Calibrations of the response: readings in the order taken.
 
-#include <cmath>
-#include <fstream>
 #include <sstream>
 
 #include <gtest/gtest.h>
@@ -17,7 +15,6 @@ namespace {
 
 using nlohmann::json;
 
-constexpr double kPi = 3.14159265358979;
 constexpr double kMost = 413.6856;  // [kPa], the limit of the scene's muscles
 constexpr double kNoise = 2e-4;     // of free lengths [m]
 
@@ -80,50 +77,8 @@ TEST(CalibrateResponse, FreeLengthsUpAndDownGiveCurveAndPlay) {
   EXPECT_EQ(response["lag"]["verdict"], "not_determined");
   EXPECT_GT(response["static_rms_m"].get<double>(), 10 * kNoise);
   EXPECT_LT(response["rms_m"].get<double>(), 1.3 * kNoise);
-  // One branch alone, as is usually measured, scatters less about its curve.
-  const Outcome branch = calibrate(scenePath("planar_76"), {data.path()},
-                                   {"--fit", "contraction", "--branch", "rising"});
-  ASSERT_EQ(branch.exit_code, 0) << branch.err << branch.out;
-  EXPECT_LT(branch.json()["contractions"][0]["rms_m"], response["static_rms_m"]);
   EXPECT_NE(contentOf(out).find("play_kpa"), std::string::npos) << contentOf(out);
   EXPECT_EQ(runCommand({"check", out}).exit_code, 0);
-}
-
-// A release of an arm without pressures, of any name, that swings at 2 Hz.
-std::string releaseSeries(double damping) {
-  Random random(5);
-  std::ostringstream rows;
-  rows << "trial,time_s,x_m,y_m\n";
-  for (int row = 0; row < 400; ++row) {
-    const double t = std::max(0.02 * row - 1, 0.0), decay = 4 * kPi * damping;
-    const double swing =
-        std::exp(-decay * t) * (damping < 1 ? std::cos(4 * kPi * t) : 1 + decay * t);
-    rows << "pull \"a\"," << 0.02 * row << ",0.3," << 0.03 * swing + kNoise * random.normal()
-         << "\n";
-  }
-  return rows.str();
-}
-
-TEST(CalibrateResponse, AReleaseGivesTheModeAndAnArmThatDoesNotRingGivesNone) {
-  const TemporaryFolder folder;
-  const TemporaryFile rings(releaseSeries(0.1)), creeps(releaseSeries(1));
-  const std::string out = folder / "ring.yaml", none = folder / "none.yaml";
-  const Outcome found =
-      calibrate(scenePath("demo"), {rings.path()}, {"--fit", "mode", "--out", out});
-  ASSERT_EQ(found.exit_code, 0) << found.err << found.out;
-  const json mode = found.json()["mode"];
-  // Turns at 2 Hz, and decays by 0.1 of that.
-  expectWithin(mode["frequency_hz"], 2 * std::sqrt(1.01), 0.02);
-  expectWithin(mode["damping"], 0.1 / std::sqrt(1.01), 0.005);
-  EXPECT_EQ(mode["releases"][0]["trial"], "pull \"a\"");
-  EXPECT_NE(contentOf(out).find("mode_hz: 2."), std::string::npos) << contentOf(out);
-  EXPECT_EQ(runCommand({"check", out}).exit_code, 0);
-
-  const Outcome refused =
-      calibrate(scenePath("demo"), {creeps.path()}, {"--fit", "mode", "--out", none});
-  EXPECT_EQ(refused.exit_code, 1);
-  EXPECT_NE(refused.out.find("no ringing found"), std::string::npos) << refused.out;
-  EXPECT_FALSE(std::ifstream(none)) << "a scene without a mode";
 }
 
 }  // namespace

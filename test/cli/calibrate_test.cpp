@@ -113,20 +113,6 @@ TEST(Calibrate, KEpsOfCornersUnderHungWeights) {
   expectCallerError(calibrate(loaded, {data.path()}), "hangs another load than the scene's load");
 }
 
-TEST(Calibrate, FreeLengthsReplaceTheCurve) {
-  const TemporaryFolder folder;
-  const TemporaryFile data(
-      "pressure_kpa,length_m\n0,0.42\n100,0.40\n200,0.37\n300,0.345\n400,0.335\n413.6856,0.334\n");
-  const std::string out = folder / "calibrated.yaml";
-  for (const std::string curve : {"quintic", "table"}) {
-    const json result = calibrated(scenePath("spatial_50"), {data.path()},
-                                   {"--fit", "contraction", "--curve", curve, "--out", out});
-    EXPECT_LT(result["contractions"][0]["rms_m"].get<double>(), 2e-3);
-    const json after = resultOf({"forward", out, "--pressure-kpa", "0,0,0"});
-    EXPECT_NEAR(numbersOf(after["lengths_m"])[0], 0.42, 2e-3);
-  }
-}
-
 // The measurements behind the paper, read where they are.
 class CalibrateMeasured : public ::testing::Test {
  protected:

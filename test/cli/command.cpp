@@ -89,15 +89,4 @@ std::vector<std::vector<std::string>> csvRows(const std::string& text) {
   return rows;
 }
 
-std::vector<std::string> csvColumn(const std::string& text, const std::string& name) {
-  const auto rows = csvRows(text);
-  std::vector<std::string> cells;
-  for (std::size_t column = 0; column < rows.at(0).size(); ++column) {
-    if (rows[0][column] != name) continue;
-    for (std::size_t row = 1; row < rows.size(); ++row) cells.push_back(rows[row].at(column));
-    return cells;
-  }
-  throw std::runtime_error("no column " + name);
-}
-
 }  // namespace helix_arm::test

@@ -45,7 +45,4 @@ std::string commaList(const std::vector<double>& numbers, double factor = 1.0);
 /// A CSV as rows of cells; `#` lines are left out.
 std::vector<std::vector<std::string>> csvRows(const std::string& text);
 
-/// The cells below a name in the first row of a CSV. @throws std::runtime_error when it has none.
-std::vector<std::string> csvColumn(const std::string& text, const std::string& name);
-
 }  // namespace helix_arm::test

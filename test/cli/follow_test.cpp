@@ -1,4 +1,3 @@
-#include <fstream>
 
 #include <gtest/gtest.h>
 
@@ -42,32 +41,6 @@ TEST(Follow, TipsGiveAFigureEach) {
   EXPECT_NE(outcome.err.find("standard deviations in mm"), std::string::npos) << outcome.err;
 }
 
-// A scene that knows its rig, and one that does not.
-TEST(Follow, TheRigMayBeThatOfAnotherScene) {
-  const TemporaryFolder folder;
-  const std::string rig = folder / "rig.yaml";
-  std::ofstream(rig) << "name: rig";
-  EXPECT_EQ(follow({"--tip", kTips, "--seconds", "6", "--rig", rig}).exit_code, 2);
-  const auto steady = [](const std::vector<std::string>& more) {
-    const Outcome outcome = runCommand({"follow", scenePath("demo"), "--format", "json", "--tip",
-                                        kTips, "--seconds", "6", "--open"},
-                                       more);
-    EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
-    return numbersOf(outcome.json()["steady_rms_m"]);
-  };
-  const std::string exact = "simulation.arm={}";
-  const auto itself = steady({"--set", exact}), usual = steady({}),
-             foreign = steady({"--set", exact, "--rig", scenePath("demo")});
-  for (std::size_t i = 0; i < usual.size(); ++i) {
-    EXPECT_LT(itself[i], 0.002);
-    EXPECT_EQ(foreign[i], usual[i]);
-  }
-  const Outcome unlike =
-      follow({"--tip", kTips, "--seconds", "6", "--rig", scenePath("spatial_101")});
-  EXPECT_EQ(unlike.exit_code, 2);
-  EXPECT_NE(unlike.err.find("spatial_101"), std::string::npos) << unlike.err;
-}
-
 // Nobody touches the arm, or somebody does, which is then no proof of anything lighter.
 TEST(Follow, AProofOfContactsSetsTheirLimitAndWhatFollows) {
   const TemporaryFolder folder;
@@ -98,21 +71,6 @@ TEST(Follow, AProofOfContactsSetsTheirLimitAndWhatFollows) {
   EXPECT_EQ(brief["on_contact"], "report");
   EXPECT_TRUE(has(brief["doubt"], "let it run for longer")) << brief;
   EXPECT_EQ(runCommand({"follow", out, "--prove-contact", "--out", out}).exit_code, 2);
-}
-
-// A camera that is centimetres from its place in the scene.
-TEST(Follow, ACameraThatHasMovedIsNamed) {
-  const Outcome outcome =
-      follow({"--tip", kTips, "--seconds", "2", "--set",
-              "simulation.mounts.camera_translation_m=0.02", "--set", "simulation.mounts.seed=3"});
-  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-  const json moved = outcome.json()["base_moved"];
-  ASSERT_TRUE(moved.is_object());
-  EXPECT_LT(moved["time_s"], 2);
-  EXPECT_GT(moved["translation_m"], 0.01);
-  EXPECT_GT(moved["deviations"], 5);
-  EXPECT_EQ(outcome.json()["suspects"][0]["cause"], "camera_moved");
-  EXPECT_TRUE(has(outcome.err, "the camera or the arm's base is")) << outcome.err;
 }
 
 }  // namespace

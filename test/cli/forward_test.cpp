@@ -4,7 +4,6 @@
 
 #include "command.hpp"
 #include "helix_arm/io/scene.hpp"
-#include "support/temporary_file.hpp"
 
 namespace helix_arm::test {
 namespace {
@@ -41,51 +40,10 @@ TEST(Forward, GlobalOptionsMayStandAnywhere) {
                     "--set name is not key=value");
 }
 
-TEST(Forward, CsvAndJsonHoldTheSameBits) {
-  const nlohmann::json result = forward("helical_50", "300,20,7").json();
-  const std::string csv = runCommand({"forward", scenePath("helical_50"), "--pressure-kpa",
-                                      "300,20,7", "--format", "csv"})
-                              .out;
-  ASSERT_EQ(csvRows(csv).size(), 2u);
-  const auto cell = [&csv](const char* name) { return std::stod(csvColumn(csv, name).at(0)); };
-  EXPECT_EQ(cell("section_1_wx_rad"), result["twist"][0][3].get<double>());
-  EXPECT_EQ(cell("tip_x_m"), result["tip"]["position_m"][0].get<double>());
-  EXPECT_EQ(cell("tip_qw"), result["tip"]["quaternion_xyzw"][3].get<double>());
-  EXPECT_EQ(cell("length_2_m"), result["lengths_m"][1].get<double>());
-  EXPECT_EQ(cell("pressure_3_pa"), 7000.0);
-  const auto curve = csvRows(runCommand({"forward", scenePath("helical_50"), "--pressure-kpa",
-                                         "300,20,7", "--format", "csv", "--samples", "4"})
-                                 .out);
-  ASSERT_EQ(curve.size(), 5u);
-  EXPECT_EQ(curve[0], (std::vector<std::string>{"s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"}));
-  EXPECT_EQ(std::stod(curve[4][1]), result["tip"]["position_m"][0].get<double>());
-}
-
 TEST(Forward, PressuresMayBeGivenInPascals) {
   const Outcome si = runCommand(
       {"forward", scenePath("planar_76"), "--input", "250000,50000", "--format", "json"});
   EXPECT_EQ(si.out, forward("planar_76", "250,50").out);
-}
-
-// What one of forward and inverse prints, the other reads.
-TEST(Forward, TakesWhatInversePrintsAndTheOtherWayRound) {
-  const TemporaryFile targets("x_m,y_m,z_m\n0.36,0.03,0.02\n0.37,0.005,0.01\n");
-  const auto run = [](const char* command, const char* option, const TemporaryFile& table) {
-    const Outcome out =
-        runCommand({"--format", "csv", command, scenePath("demo"), option, table.path()});
-    EXPECT_EQ(out.exit_code, 0) << out.err << out.out;
-    return out;
-  };
-  const Outcome found = run("inverse", "--targets", targets);
-  const Outcome tips = run("forward", "--inputs", TemporaryFile(found.out));
-  const Outcome back = run("inverse", "--targets", TemporaryFile(tips.out));
-  for (int row = 0; row < 2; ++row) {
-    for (const char* name : {"tip_x_m", "tip_y_m", "tip_z_m"}) {
-      const double wanted = std::stod(csvColumn(found.out, name).at(row));
-      EXPECT_NEAR(std::stod(csvColumn(tips.out, name).at(row)), wanted, 1e-12) << name;
-      EXPECT_NEAR(std::stod(csvColumn(back.out, name).at(row)), wanted, 1e-6) << name;
-    }
-  }
 }
 
 Outcome inverse(const std::string& scene, const std::vector<std::string>& target) {
@@ -158,45 +116,6 @@ TEST(ForwardLoaded, FailedConvergenceIsReportedAndExitsWithOne) {
   EXPECT_NE(result["failure"].get<std::string>().find("less load"), std::string::npos);
   EXPECT_GT(result["relative_residual"].get<double>(), 1e-6);
   EXPECT_TRUE(result["tip_error_percent"].is_null());
-}
-
-// ---- actuators with a response ------------------------------------------------------------------
-
-const std::vector<std::string> kPlays{
-    "--set", "contractions.planar_muscle.response={play_kpa: [10, 40], play_weight: [0.25, 0.5]}"};
-constexpr double kHalfWidth = 0.25 * 10e3 + 0.5 * 40e3;  // [Pa]
-
-Outcome run(const std::string& command, std::vector<std::string> options,
-            const std::vector<std::string>& response = kPlays) {
-  options.insert(options.begin(), {command, scenePath("planar_76"), "--format", "json"});
-  return runCommand(options, response);
-}
-
-// The second muscle stays at 50 kPa: its memory is not known.
-const TemporaryFile kUpAndDown("pressure_1_kpa,pressure_2_kpa\n0,50\n100,50\n300,50\n200,50\n");
-
-TEST(Response, AHistoryGivesTheShapeAtEffectivePressures) {
-  const Outcome outcome = run("forward", {"--history", kUpAndDown.path()});
-  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-  const nlohmann::json result = outcome.json();
-  // On the way down: behind by half the loop.
-  EXPECT_NEAR(result["effective_pressure_pa"][0].get<double>(), 200e3 + kHalfWidth, 1e-6);
-  EXPECT_NEAR(result["effective_pressure_pa"][1].get<double>(), 50e3, 1e-6);
-  EXPECT_EQ(result["pressure_pa"], (std::vector<double>{200e3, 50e3}));
-  EXPECT_EQ(result["response"]["history_rows"], 4);
-  EXPECT_EQ(result["response"]["memory_known"], false);
-  EXPECT_EQ(numbersOf(result["response"]["half_width_pa"]),
-            (std::vector<double>{kHalfWidth, kHalfWidth}));
-  EXPECT_EQ(numbersOf(result["response"]["uncertainty_pa"]), (std::vector<double>{0, kHalfWidth}));
-  EXPECT_TRUE(result["response"]["note"].is_null());
-  const nlohmann::json still = run("forward", {"--pressure-kpa", "222.5,50"}, {}).json();
-  EXPECT_EQ(result["tip"], still["tip"]);
-  ASSERT_EQ(result["history"].size(), 4U);
-  EXPECT_EQ(result["history"][2]["pressure_pa"][0], 300e3);
-  EXPECT_NEAR(result["history"][2]["effective_pressure_pa"][0].get<double>(), 300e3 - kHalfWidth,
-              1e-6);
-  EXPECT_TRUE(result["history"][2]["time_s"].is_null());
-  EXPECT_EQ(result["history"][3]["tip"], result["tip"]);
 }
 
 }  // namespace

@@ -70,22 +70,6 @@ TEST(PlanCommand, OtherCommandsTellZones) {
   EXPECT_EQ(inverse.json()["blocked_by"], "post");
   EXPECT_LT(inverse.json()["clearance_m"], 0.005);
   EXPECT_EQ(inverse.json()["clear_tip"]["position_m"].size(), 3u);
-
-  const json space =
-      runCommand({"workspace", "demo", "--count", "3000", "--format", "json"}, post).json();
-  EXPECT_GT(space["blocked"], 30);
-  EXPECT_LT(space["blocked"], 2900);
-  EXPECT_EQ(space["count"], 3000);
-
-  const json checked = runCommand({"check", "demo", "--format", "json"}, post).json();
-  bool told = false;
-  for (const json& finding : checked["findings"]) told = told || finding["check"] == "clear_part";
-  EXPECT_TRUE(told);
-  const Outcome touching = runCommand(
-      {"check", "demo", "--format", "json", "--set",
-       "keep_out=[{name: mount, half_space: {position_m: [0, 0, 0.6], normal: [0, 0, -1]}}]"});
-  EXPECT_EQ(touching.exit_code, 1);
-  EXPECT_TRUE(has(touching.out, "mount"));
 }
 
 TEST(PlanCommand, ARegulatorIsNotSetToWhatWouldTouch) {

@@ -4,18 +4,16 @@
 
 namespace helix_arm::test {
 
-/// An arm of three muscles that is a straight rod of 0.3 m at 0 kPa.
-inline const std::string kBareRodScene = R"(name: rod
+/// An arm of three muscles that is a straight rod of 0.3 m at 0 kPa, with six tags 50 mm from its
+/// axis: 1, 2 and 3 on its y side, 4, 5 and 6 on its z side.
+inline const std::string kRodScene = R"(name: rod
 contractions:
   linear: {table: {pressure_kpa: [0, 100], length_m: [0.3, 0.2]}}
 arm:
   geometry: spatial
   stiffness: {K_gamma: 10, K_tau_m2: 0, K_kappa_m2: 1.0e-4}
   sections: [{name: arm, ring: {count: 3, radius_m: 0.03, contraction: linear}}]
-)";
-
-/// The same with six tags 50 mm from its axis: 1, 2 and 3 on its y side, 4, 5 and 6 on its z side.
-inline const std::string kRodScene = kBareRodScene + R"(tags:
+tags:
   size_m: 0.03
   groups:
     - {ids: [1, 2, 3], s: [0.25, 0.5, 1], position_m: [0, 0.05, 0]}

@@ -16,7 +16,6 @@
 
 #include "command.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
-#include "support/opencv_charuco.hpp"
 #include "support/temporary_folder.hpp"
 #include "support/test_size.hpp"
 #include "vision/charuco_board.hpp"
@@ -166,76 +165,6 @@ TEST(Tags, TheBoardIsReadBackFromThePrintOnBothPapers) {
     std::cout << "corners of the board off by at most " << worst << " mm\n";
     EXPECT_LT(worst, kTolerance);
   }
-}
-
-// Read by OpenCV itself.
-void expectCharuco(const cv::Mat& page, const vision::CharucoBoard& board, int dictionary) {
-  const auto theirs =
-      test::openCvBoard(board.columns, board.rows, static_cast<float>(board.square_size),
-                        static_cast<float>(board.marker_size), dictionary);
-  std::vector<std::vector<cv::Point2f>> markers;
-  std::vector<cv::Point2f> corners;
-  std::vector<int> corner_ids;
-  theirs.find(page, markers, corners, corner_ids);
-  ASSERT_EQ(markers.size(), static_cast<std::size_t>(board.count()));
-  ASSERT_EQ(corners.size(), static_cast<std::size_t>(board.cornerCount()));
-  double worst = 0;
-  for (std::size_t i = 0; i < corners.size(); ++i) {
-    for (std::size_t j = 0; j < i; ++j) {
-      const auto on_board = [&](std::size_t k) {
-        return theirs.corners[static_cast<std::size_t>(corner_ids[k])];
-      };
-      const double read = cv::norm(corners[i] - corners[j]) * kMillimetresPerPixel;
-      worst = std::max(worst, std::abs(read - 1e3 * cv::norm(on_board(i) - on_board(j))));
-    }
-  }
-  std::cout << "distances on the ChArUco board off by at most " << worst << " mm\n";
-  EXPECT_LT(worst, kTolerance);
-  // Their markers, and so the reading direction, are upright.
-  for (const auto& marker : markers) {
-    EXPECT_NEAR(marker[0].y, marker[1].y, 3);
-    EXPECT_LT(marker[0].x, marker[1].x);
-    EXPECT_LT(marker[0].y, marker[3].y);
-    EXPECT_NEAR(cv::norm(marker[1] - marker[0]) * kMillimetresPerPixel, 1e3 * board.marker_size, 1);
-  }
-}
-
-TEST(Tags, CharucoBoardsAreReadBackFromThePrint) {
-  for (const auto& [paper, size] : kPapers) {
-    const Printed printed({"--board", "charuco", "--paper", paper});
-    ASSERT_EQ(printed.pages.size(), 1u);
-    expectCharuco(printed.pages[0], {}, cv::aruco::DICT_4X4_50);
-    EXPECT_EQ(printed.report["board"], (json{{"dictionary", "DICT_4X4_50"},
-                                             {"columns", 7},
-                                             {"rows", 9},
-                                             {"square_size_m", 0.024},
-                                             {"marker_size_m", 0.018},
-                                             {"legacy_pattern", false}}));
-  }
-  const Printed printed({"--board=charuco", "--squares", "5,7", "--square-size-m", "0.031",
-                         "--marker-size-m", "0.02", "--dictionary", "DICT_APRILTAG_36h11"});
-  ASSERT_EQ(printed.pages.size(), 1u);
-  expectCharuco(printed.pages[0], {5, 7, 0.031, 0.02, "DICT_APRILTAG_36h11"},
-                cv::aruco::DICT_APRILTAG_36h11);
-  EXPECT_NE(printed.text().find("ChArUco board: DICT_APRILTAG_36h11, 5 x 7 squares of 31 mm, "
-                                "markers of 20 mm"),
-            std::string::npos);
-}
-
-TEST(Tags, ThatNoShapeShowsAreLeftOutUnlessAllAreAskedFor) {
-  const TemporaryFolder folder;
-  const auto told = [&folder](std::vector<std::string> words) {
-    words.insert(words.begin(), {"tags", scenePath("demo"), "--out", folder / "tags.pdf"});
-    return words;
-  };
-  const json seen{0, 1, 2, 3, 7, 13, 17, 18, 19, 20};
-  const json printed = resultOf(told({}));
-  EXPECT_EQ(printed["ids"], seen);
-  EXPECT_EQ(printed["left_out"], json({4, 5, 6, 8, 9, 10, 11, 12, 14, 15, 16}));
-  EXPECT_EQ(resultOf(told({"--all-tags"}))["ids"].size(), 21u);
-  EXPECT_NE(runCommand(told({})).out.find("14, 15, 16; --all-tags prints them"), std::string::npos);
-  // A camera that sees none of them is at a wrong place.
-  EXPECT_EQ(resultOf(told({"--set", "camera.rpy_deg=[0, 0, 30]"}))["ids"].size(), 21u);
 }
 
 }  // namespace
