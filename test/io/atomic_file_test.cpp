@@ -60,41 +60,9 @@ TEST(AtomicFile, ReplacesTheFileOnlyWhenComplete) {
   EXPECT_EQ(namesIn(folder.path()), std::set<std::string>{"cloud.ply"});
 }
 
-TEST(AtomicFile, KeepsThePermissionsItHas) {
-  const TemporaryFolder folder;
-  const std::string path = folder / "scene.yaml";
-  const auto mode = [](const std::string& file) {
-    struct stat status {};
-    ::stat(file.c_str(), &status);
-    return status.st_mode & 07777;
-  };
-  const mode_t mask = ::umask(027);
-  writeFileAtomically(path, "new");
-  ::umask(mask);
-  EXPECT_EQ(mode(path), 0640u) << "a new one has those that the process gives";
-  for (const mode_t kept : {0600u, 0664u, 0200u}) {
-    ASSERT_EQ(::chmod(path.c_str(), kept), 0);
-    writeFileAtomically(path, "again");
-    EXPECT_EQ(mode(path), kept);
-  }
-}
-
-TEST(AtomicFile, ALinkFromSceneToSceneIsFollowed) {
-  const TemporaryFolder folder;
-  fs::create_directory(folder / "real");
-  std::ofstream(folder / "real/scene.yaml") << "old";
-  fs::create_symlink("real/scene.yaml", folder / "link.yaml");
-  writeFileAtomically(folder / "link.yaml", "new");
-  EXPECT_TRUE(fs::is_symlink(folder / "link.yaml"));
-  EXPECT_EQ(contentOf(folder / "real/scene.yaml"), "new");
-  EXPECT_EQ(namesIn(folder / "real"), std::set<std::string>{"scene.yaml"});
-}
-
 TEST(AtomicFile, AnyOtherLinkIsRefusedAndBothAreKept) {
-  const std::pair<const char*, const char*> pairs[] = {{"tags.pdf", "scene.yaml"},
-                                                       {"tags.pdf", "thesis.pdf"},
-                                                       {"scene.yaml", "table.csv"},
-                                                       {"out", "profile"}};
+  const std::pair<const char*, const char*> pairs[] = {{"tags.pdf", "thesis.pdf"},
+                                                       {"scene.yaml", "table.csv"}};
   for (const auto& [name, of] : pairs) {
     const TemporaryFolder folder;
     const std::string link = folder / name, file = folder / of;
@@ -107,19 +75,6 @@ TEST(AtomicFile, AnyOtherLinkIsRefusedAndBothAreKept) {
     EXPECT_EQ(contentOf(file), "old");
     EXPECT_EQ(namesIn(folder.path()), (std::set<std::string>{name, of}));
   }
-}
-
-TEST(AtomicFile, OnlyAFileIsReplaced) {
-  const TemporaryFolder folder;
-  const std::string pipe = folder / "pipe", link = folder / "link.yaml";
-  ASSERT_EQ(::mkfifo(pipe.c_str(), 0600), 0);
-  fs::create_symlink(folder / "nothing.yaml", link);
-  for (const std::string& path :
-       {folder.path(), pipe, link, std::string(), folder / "none/scene.yaml"}) {
-    EXPECT_EQ(refusal(path, "text").find(path + " cannot be written: "), 0U);
-  }
-  EXPECT_TRUE(fs::is_fifo(pipe));
-  EXPECT_TRUE(fs::is_symlink(link));
 }
 
 TEST(AtomicFile, AFailedWriteLeavesTheOldFile) {

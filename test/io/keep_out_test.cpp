@@ -42,16 +42,6 @@ TEST(KeepOut, IsOfTheWorldsFrame) {
   EXPECT_EQ(found.zones[3].X_WZ.translation, Eigen::Vector3d(1, 2, 3));
 }
 
-TEST(KeepOut, IsAbsentUnlessAskedFor) {
-  EXPECT_FALSE(sceneOf(kSpatialScene).keep_out);
-  const Scene own_body = sceneOf(kSpatialScene + "clearance_m: 0.005\n");
-  ASSERT_TRUE(own_body.keep_out);
-  EXPECT_TRUE(own_body.keep_out->zones.empty());
-  EXPECT_EQ(sceneOf(kSpatialScene + "keep_out: [{sphere: {radius_m: 1, position_m: [9, 9, 9]}}]\n")
-                .keep_out->clearance,
-            clearance::kClearance);
-}
-
 TEST(KeepOut, AToolMayHaveABody) {
   const Scene scene =
       sceneOf(kSpatialScene + kZones,

@@ -62,21 +62,6 @@ TEST(PressureScene, SafetyIsInSi) {
       std::make_tuple(2, 0.4, 2e4, 0.2, 3e5, 5e4, 1.5, 0.3, 1.5e4, 5, 1.2e4, 4));
 }
 
-TEST(PressureScene, ChannelsAreTheActuatorsInTheirOrder) {
-  const SafetyConfig safety = sceneOf(kSpatialScene).safety;
-  const char* names[] = {"muscle_1", "muscle_2", "muscle_3", "left", "muscle_5", "top"};
-  const double lower[] = {0, 0, 0, 0, 1e4, 0}, upper[] = {3e5, 3e5, 3e5, 1e5, 9e4, 1e5};
-  ASSERT_EQ(safety.channels.size(), 6u);
-  for (int i = 0; i < 6; ++i) {
-    EXPECT_EQ(safety.channels[i].name, names[i]);
-    EXPECT_EQ(safety.channels[i].limits.lower, lower[i]);
-    EXPECT_EQ(safety.channels[i].limits.upper, upper[i]);
-    EXPECT_EQ(safety.channels[i].slew, 2e5);
-    EXPECT_EQ(safety.channels[i].action, control::FaultAction::kHold);
-  }
-  const control::SafetyCore accepted(safety.channels, safety.rules);
-}
-
 TEST(PressureScene, HardwareMovesSlowlyUnlessToldOtherwise) {
   for (const std::string& text : {kSerialScene, kModbusScene}) {
     for (const control::ChannelRules& channel : sceneOf(text).safety.channels) {
@@ -106,35 +91,6 @@ TEST(PressureScene, ActionsMayDiffer) {
   EXPECT_EQ(safety.channels[5].action, vent);
 }
 
-TEST(PressureScene, AVacuumIsWithinTheLimits) {
-  const SafetyConfig safety =
-      sceneOf(replaced(kPlanarScene, "pressure_kpa: [0, 400]", "pressure_kpa: [-60, 0]")).safety;
-  EXPECT_EQ(safety.channels[0].limits.lower, -6e4);
-  EXPECT_EQ(safety.channels[0].limits.upper, 0);
-}
-
-TEST(PressureScene, AnArmWithTendonsHasNoChannels) {
-  const Scene scene = sceneOf(replaced(
-      replaced(replaced(kSpatialScene, "contraction: muscle, max_pressure_kpa: 300",
-                        "contraction: cable"),
-               "regulator:\n  simulated: {time_constant_s: 0.2, supply_kpa: 450, noise_kpa: 2, "
-               "seed: 7}\n",
-               ""),
-      "target_timeout_s: 2, ", ""));
-  EXPECT_TRUE(scene.safety.channels.empty());
-}
-
-TEST(PressureScene, ASerialRegulatorHasItsProfile) {
-  const Scene scene = sceneOf(kSerialScene);
-  const auto& serial = std::get<regulator::SerialConfig>(scene.regulator.value());
-  EXPECT_EQ(serial.profile.name, "generic");
-  EXPECT_NO_THROW(serial.profile.validate());
-  EXPECT_EQ(serial.device, "/dev/ttyUSB0");
-  EXPECT_EQ(serial.addresses, (Faults{"a", "b"}));
-  EXPECT_EQ(scene.safety.channels[0].action, control::FaultAction::kVent);
-  EXPECT_EQ(scene.safety.channels[1].action, control::FaultAction::kClose);
-}
-
 TEST(PressureScene, AModbusRegulatorHasItsProfile) {
   const Scene scene = sceneOf(kModbusScene);
   const auto& modbus = std::get<regulator::ModbusConfig>(scene.regulator.value());
@@ -143,11 +99,6 @@ TEST(PressureScene, AModbusRegulatorHasItsProfile) {
   EXPECT_EQ(modbus.host, "terminal");
   EXPECT_EQ(modbus.port, 1502);
   EXPECT_EQ(modbus.slots, (std::vector<int>{3, 1}));
-  const Scene usual = sceneOf(
-      kPlanarScene + "regulator: {modbus_tcp: {profile: festo_vtem, host: 192.168.1.10}}\n");
-  const auto& defaults = std::get<regulator::ModbusConfig>(usual.regulator.value());
-  EXPECT_EQ(defaults.port, 502);
-  EXPECT_EQ(defaults.slots, (std::vector<int>{0, 1}));
 }
 
 TEST(PressureScene, ACustomProfileIsRelativeToTheScene) {
@@ -182,35 +133,6 @@ TEST(FollowScene, IsInSi) {
   EXPECT_EQ(loop.time_constant, 0.3) << "of safety.follow";
   EXPECT_NEAR(loop.filter.bias_rotation, 3 * basics::kPi / 180, 1e-15);
   EXPECT_NO_THROW(loop.validate());
-}
-
-TEST(FollowScene, NoiseIsThatOfTheSimulatedRegulatorOrOfTypicalHardware) {
-  EXPECT_EQ(sceneOf(kSpatialScene).follow.reading_noise, 2e3);
-  EXPECT_EQ(sceneOf(kPlanarScene + "regulator: {simulated: {noise_kpa: 7}}\n").follow.reading_noise,
-            7e3);
-  EXPECT_EQ(sceneOf(kSerialScene).follow.reading_noise, 2e3);
-  const Scene silent = sceneOf(kPlanarScene + "regulator: {simulated: {noise_kpa: 0}}\n");
-  EXPECT_NO_THROW(silent.follow.validate()) << "an observer needs some";
-}
-
-// The rule of follow::smoothingFor(), with the lag of 0.2 s that safety has by default.
-TEST(FollowScene, AVibrationSetsTheSmoothingTime) {
-  const auto smoothing = [](const std::vector<Override>& changes) {
-    return sceneOf(kPlanarScene, changes).follow.smoothing;
-  };
-  const double least = follow::smoothingFor(1.5, 0.1, 0.2);
-  ASSERT_GT(least, 0.2);
-  EXPECT_EQ(smoothing({{"follow.mode_hz", "1.5"}}), least);
-  EXPECT_EQ(smoothing({{"follow.mode_hz", "1.5"}, {"follow.mode_damping", "0.1"}}), least);
-  ASSERT_LT(follow::smoothingFor(20, 0.1, 0.2), 0.2);
-  EXPECT_EQ(smoothing({{"follow.mode_hz", "20"}}), 0.2) << "a fast mode needs no more than usual";
-  EXPECT_EQ(smoothing({{"follow.mode_hz", "1.5"}, {"follow.smoothing_s", "3"}}), 3);
-  const std::vector<std::string> faults =
-      faultsOf(kPlanarScene + "follow: {mode_hz: 1.5, smoothing_s: 0.2}\n");
-  ASSERT_EQ(faults.size(), 1u);
-  EXPECT_EQ(faults[0].find(":11 follow.smoothing_s is 0.2; expected at least 0.3 s, "), 0u)
-      << faults[0];
-  EXPECT_TRUE(has(faults[0], "leave out smoothing_s"));
 }
 
 // ---- Profiles -----------------------------------------------------------------------------------

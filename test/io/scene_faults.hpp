@@ -41,13 +41,6 @@ inline auto membersOf(const follow::VisualServoConfig& loop) {
                   loop.contact.limit);
 }
 
-inline std::string repeated(const std::string& text, int times) {
-  std::string all;
-  all.reserve(text.size() * static_cast<std::size_t>(times));
-  for (int i = 0; i < times; ++i) all += text;
-  return all;
-}
-
 using Faults = std::vector<std::string>;
 
 /// What loading says, without the path of the file; empty when it says nothing.

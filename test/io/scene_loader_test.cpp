@@ -16,10 +16,6 @@ using namespace test;
 using basics::kPi;
 constexpr double kTolerance = 1e-15;
 
-regulator::SimulatedRegulatorConfig simulatedOf(const Scene& scene) {
-  return std::get<regulator::SimulatedRegulatorConfig>(scene.regulator.value());
-}
-
 Eigen::Matrix3d turn(double deg, const Eigen::Vector3d& axis) {
   return Eigen::AngleAxisd(deg * kPi / 180, axis).toRotationMatrix();
 }
@@ -88,23 +84,6 @@ TEST(SceneLoader, FreeLengthsHaveTheirScales) {
   EXPECT_NEAR(common.arm.actuator(5).contraction.length(50e3), 0.1 + 0.9 * 0.02, 1e-15);
 }
 
-TEST(SceneLoader, PlacementsAreKnownAsWellAsTheirPriorSays) {
-  EXPECT_EQ(sceneOf(kSpatialScene).tag_prior.translation, estimation::TagPrior().translation);
-  const Scene prior =
-      sceneOf(kSpatialScene, {{"tags.placement_prior", "{translation_m: 0.01, rotation_deg: 9}"}});
-  EXPECT_EQ(prior.tag_prior.translation, 0.01);
-  EXPECT_NEAR(prior.tag_prior.rotation, 9 * kPi / 180, kTolerance);
-}
-
-TEST(SceneLoader, DataSetsMayGiveTagPosesInAFrameOfTheirOwn) {
-  EXPECT_EQ(sceneOf(kSpatialScene).X_BF.translation, Eigen::Vector3d::Zero());
-  EXPECT_EQ(sceneOf(kSpatialScene).X_BF.rotation, Eigen::Matrix3d::Identity());
-  const Scene scene = sceneOf(
-      kSpatialScene, {{"tags.frame", "{position_m: [0.1, 0.2, 0.3], rpy_deg: [30, 40, 50]}"}});
-  EXPECT_EQ(scene.X_BF.translation, Eigen::Vector3d(0.1, 0.2, 0.3));
-  EXPECT_TRUE(scene.X_BF.rotation.isApprox(rz(50) * ry(40) * rx(30), 1e-15));
-}
-
 TEST(SceneLoader, TendonsTakeAngles) {
   const Scene scene = sceneOf(replaced(
       replaced(kSpatialScene, "contraction: muscle, max_pressure_kpa: 300", "contraction: cable"),
@@ -126,24 +105,6 @@ TEST(SceneLoader, TheNearestStiffnessApplies) {
     EXPECT_EQ(scene.arm.actuator(i).stiffness.tau, tau[i]) << i;
     EXPECT_EQ(scene.arm.actuator(i).stiffness.kappa, kappa[i]) << i;
   }
-}
-
-TEST(SceneLoader, LooksRegulatorAndSafetyAreInSi) {
-  const Scene scene = sceneOf(kSpatialScene);
-  EXPECT_EQ(scene.name, "rig");
-  ASSERT_EQ(scene.looks.size(), 2u);
-  EXPECT_EQ(scene.looks[0].name, "lower");
-  EXPECT_EQ(scene.looks[0].separators, 5);
-  EXPECT_EQ(scene.looks[0].separator_radius, 0.04);
-  EXPECT_EQ(scene.looks[0].muscle_radius, 0.01);
-  EXPECT_EQ(scene.looks[1].name, "upper");
-  EXPECT_EQ(scene.looks[1].separators, SectionLook().separators);
-  const regulator::SimulatedRegulatorConfig regulator = simulatedOf(scene);
-  EXPECT_EQ(regulator.time_constant, 0.2);
-  EXPECT_EQ(regulator.supply_pressure, 450e3);
-  EXPECT_EQ(regulator.noise, 2e3);
-  EXPECT_EQ(regulator.seed, 7u);
-  EXPECT_EQ(scene.safety.commander_timeout, 0.8);
 }
 
 TEST(SceneLoader, TagsAreSeenFromTheBaseCurve) {
@@ -187,36 +148,6 @@ TEST(SceneLoader, TheCameraLooksAlongTheXAxisOfItsBody) {
   EXPECT_NO_THROW(scene.view().validate());
 }
 
-TEST(SceneLoader, TheWebcamTakesItsSizeFromTheCamera) {
-  const vision::WebcamConfig webcam = sceneOf(kSpatialScene).camera.value().webcam.value();
-  EXPECT_EQ(std::tie(webcam.device, webcam.fourcc, webcam.fps, webcam.focus, webcam.exposure,
-                     webcam.width, webcam.height),
-            std::make_tuple("/dev/video2", "YUYV", 15, 20, 300, 640, 480));
-}
-
-TEST(SceneLoader, DistortionHasFourFiveOrEightNumbers) {
-  const std::string five = "[0.1, -0.2, 0.001, -0.002, 0.05]";
-  const auto distortionOf = [&](const std::string& list) {
-    return sceneOf(replaced(kSpatialScene, five, list)).camera->model.distortion;
-  };
-  EXPECT_EQ(distortionOf("[1, 2, 3, 4]"), (std::array<double, 8>{1, 2, 3, 4, 0, 0, 0, 0}));
-  EXPECT_EQ(distortionOf("[1, 2, 3, 4, 5, 6, 7, 8]"),
-            (std::array<double, 8>{1, 2, 3, 4, 5, 6, 7, 8}));
-  EXPECT_FALSE(sceneOf(replaced(kSpatialScene, "  distortion: " + five + "\n", ""))
-                   .camera->model.distorts());
-}
-
-TEST(SceneLoader, VisionIsInSi) {
-  const vision::LocalizerConfig config = sceneOf(kSpatialScene).vision;
-  EXPECT_EQ(membersOf(config),
-            std::make_tuple("25h9", 1.5, 0.8, 2, false, 0, vision::TrackingMode::kRegions, 3, 0.4,
-                            0.025, 4, 0.003, 0.0004));
-  EXPECT_NEAR(config.fit.rotation_noise, 5 * kPi / 180, kTolerance);
-  EXPECT_NEAR(config.fit.base_prior.rotation, 0.9 * kPi / 180, kTolerance);
-  EXPECT_TRUE(config.fit.free_base);
-  EXPECT_TRUE(config.fit.free_border_shift);
-}
-
 // On an arm with a plate and a tool, against the poses of its curve and its tip.
 TEST(SceneLoader, BodiesAreWhereTheyAreFixed) {
   const io::Scene scene = test::shippedScene(
@@ -247,63 +178,10 @@ TEST(SceneLoader, BodiesAreWhereTheyAreFixed) {
   EXPECT_EQ(scene.vision.min_tags, 1);
 }
 
-TEST(SceneLoader, SimulationSaysHowTheRigDiffers) {
-  const auto [arm, mounts, camera, bodies] = sceneOf(kSpatialScene).simulation;
-  EXPECT_EQ(std::tie(bodies.rate, bodies.lost, bodies.seed), std::make_tuple(100, 0, 1U));
-  EXPECT_EQ(std::tie(arm.K_gamma_scale, arm.K_kappa_scale, arm.length_scale, arm.K_eps_scale),
-            std::make_tuple(0.8, 1.2, 1.02, 0.9));
-  EXPECT_EQ(arm.length_scales.size(), 0);
-  EXPECT_EQ(sceneOf(kPlanarScene, {{"simulation.arm.length_scales", "[0.98, 1.02]"}})
-                .simulation.arm.length_scales,
-            Eigen::Vector2d(0.98, 1.02));
-  EXPECT_EQ(std::tie(mounts.camera_translation, mounts.tag_translation, mounts.seed),
-            std::make_tuple(0.02, 0.003, 5u));
-  EXPECT_NEAR(mounts.camera_rotation, 2 * kPi / 180, kTolerance);
-  EXPECT_NEAR(mounts.tag_rotation, 4 * kPi / 180, kTolerance);
-  EXPECT_EQ(std::tie(camera.blur, camera.noise, camera.exposure, camera.border_shift,
-                     camera.jpeg_quality, camera.clutter, camera.occluders, camera.seed),
-            std::make_tuple(0.5, 3, 1.1, 0.0003, 80, 4, 2, 9u));
-}
-
-TEST(SceneLoader, TheResponseIsThatOfItsContraction) {
-  const Scene plain = sceneOf(kPlanarScene);
-  EXPECT_TRUE(plain.arm.actuator(0).response.instant());
-  EXPECT_FALSE(plain.simulation.arm.response);
-  const std::string response =
-      "{rise_time_constant_s: 0.5, play_kpa: [20, 60], play_weight: [0.3, 0.4]}";
-  const Scene scene = sceneOf(kPlanarScene, {{"contractions.muscle.response", response}});
-  ASSERT_TRUE(scene.planar);
-  for (const model::Response& read :
-       {scene.arm.actuator(1).response, scene.planar->actuator(0).response}) {
-    EXPECT_EQ(read.rise_time, 0.5);
-    EXPECT_EQ(read.fall_time, 0.5);  // as while it rises
-    ASSERT_EQ(read.play_count, 2);
-    EXPECT_EQ(read.plays[0].reach, 2e4);
-    EXPECT_EQ(read.plays[1].reach, 6e4);
-    EXPECT_EQ(read.plays[0].weight, 0.3);
-    EXPECT_EQ(read.plays[1].weight, 0.4);
-  }
-}
-
-TEST(SceneLoader, TheRigMayRespondDifferently) {
-  const Scene none = sceneOf(kPlanarScene, {{"simulation.arm.response", "{}"}});
-  ASSERT_TRUE(none.simulation.arm.response);
-  EXPECT_TRUE(none.simulation.arm.response->instant());
-  const Scene scene =
-      sceneOf(kPlanarScene, {{"simulation.arm.response", "{play_kpa: [8], play_weight: [0.95]}"}});
-  ASSERT_TRUE(scene.simulation.arm.response);
-  EXPECT_EQ(scene.simulation.arm.response->plays[0].reach, 8e3);
-}
-
 TEST(SceneLoader, AirMayLeaveMoreSlowlyThanItEnters) {
-  const Scene scene = sceneOf(kSpatialScene, {{"regulator.simulated.fall_time_constant_s", "0.6"},
-                                              {"regulator.simulated.dead_time_s", "0.03"},
-                                              {"safety.follow.fall_time_constant_s", "0.7"}});
-  EXPECT_EQ(simulatedOf(scene).fall_time_constant, 0.6);
-  EXPECT_EQ(simulatedOf(scene).dead_time, 0.03);
+  const Scene scene = sceneOf(kSpatialScene, {{"safety.follow.fall_time_constant_s", "0.7"}});
   EXPECT_EQ(scene.safety.rules.fallTimeConstant(), 0.7);
   EXPECT_EQ(sceneOf(kSpatialScene).safety.rules.fallTimeConstant(), 0.3);
-  EXPECT_FALSE(simulatedOf(sceneOf(kSpatialScene)).fall_time_constant);
 }
 
 TEST(SceneLoader, APlanarRingIsTwoPointsOfThePlane) {
@@ -316,31 +194,6 @@ TEST(SceneLoader, APlanarRingIsTwoPointsOfThePlane) {
     EXPECT_EQ(scene.arm.actuator(i).X_O.rotation, Eigen::Matrix3d::Identity());
   }
   EXPECT_FALSE(sceneOf(kSpatialScene).planar);
-}
-
-TEST(SceneLoader, PlanarActuatorsMayTurnInThePlane) {
-  const Scene scene =
-      sceneOf(replaced(kPlanarScene, "ring: {count: 2, radius_m: 0.03, contraction: muscle}",
-                       "actuators: [{position_m: [0, 0.02, 0], rpy_deg: [0, 0, 30], contraction: "
-                       "muscle}, {position_m: [0, -0.02, 0], contraction: muscle}]"));
-  ASSERT_TRUE(scene.planar);
-  const Eigen::Matrix2d expected = rz(30).topLeftCorner<2, 2>();
-  EXPECT_TRUE(scene.planar->actuator(0).X_O.rotation.isApprox(expected, 1e-15));
-}
-
-TEST(SceneLoader, OverridesReplaceAddAndReachIntoLists) {
-  const Scene scene = sceneOf(kSpatialScene, {{"arm.sections.0.ring.radius_m", "0.05"},
-                                              {"arm.sections[1].actuators[0].name", "port"},
-                                              {"arm.base", "{position_m: [1, 2, 3]}"},
-                                              {"arm.sections.1.separators", "9"},
-                                              {"regulator.simulated.noise_kpa", "0"}});
-  EXPECT_NEAR(scene.arm.actuator(1).X_O.translation.norm(), 0.05, kTolerance);
-  EXPECT_EQ(scene.arm.actuator(3).name, "port");
-  EXPECT_EQ(scene.X_WB.translation, Eigen::Vector3d(1, 2, 3));
-  EXPECT_EQ(scene.X_WB.rotation, Eigen::Matrix3d::Identity());
-  EXPECT_EQ(scene.looks[1].separators, 9);
-  EXPECT_EQ(simulatedOf(scene).noise, 0);
-  EXPECT_EQ(simulatedOf(scene).seed, 7u);
 }
 
 // ring.phase_deg, plate_m and arm.tool.
@@ -358,18 +211,6 @@ TEST(ScenePhase, AThirdOfATurnPermutesTheInputsOfThreeMuscles) {
     EXPECT_LT(apart(turned.arm.tip(q), plain.arm.tip(moved)), 1e-13) << name;
     EXPECT_GT(apart(turned.arm.tip(q), plain.arm.tip(q)), 0.05) << name;
   }
-}
-
-TEST(ScenePhase, AListPlacesEachActuatorOfARing) {
-  const char* const key = "arm.sections.0.ring.phase_deg";
-  const Scene number = shippedScene("helical_50", {{key, "30"}});
-  const Scene list = shippedScene("helical_50", {{key, "[30, 150, 270]"}});
-  for (int i = 0; i < 3; ++i) {
-    EXPECT_LT(apart(list.arm.actuator(i).X_O, number.arm.actuator(i).X_O), 1e-15);
-  }
-  const Scene uneven = shippedScene("helical_50", {{key, "[30, 150, 200]"}});
-  EXPECT_LT(apart(uneven.arm.actuator(1).X_O, number.arm.actuator(1).X_O), 1e-15);
-  EXPECT_GT(apart(uneven.arm.actuator(2).X_O, number.arm.actuator(2).X_O), 0.02);
 }
 
 TEST(SceneLinks, PlatesAndToolArePartOfTheTip) {
@@ -408,26 +249,6 @@ TEST(SceneTaper, ListsAreTheEndsOfTheSection) {
     EXPECT_NEAR(std::acos(end.rotation(0, 0)) * 180 / 3.14159265358979, 15, 1e-9);
     EXPECT_NEAR(std::acos(middle.rotation(0, 0)) * 180 / 3.14159265358979, 7.5, 1e-9);
   }
-}
-
-TEST(SceneTaper, TagsFollowTheirMuscle) {
-  const Scene scene = shippedScene(
-      "demo", {{"arm.sections.0.ring.radius_m", "[0.05, 0.025]"}, {"simulation.arm", "{}"}});
-  const estimation::TagPlacement& first = scene.tags->tags.front();
-  const double stand =
-      (first.X_ST.translation - model::poseAlong(scene.arm.actuator(0), first.s).translation)
-          .norm();
-  int on_first = 0;
-  for (const estimation::TagPlacement& tag : scene.tags->tags) {
-    if (tag.id > 6) continue;
-    ++on_first;
-    EXPECT_NEAR(
-        (tag.X_ST.translation - model::poseAlong(scene.arm.actuator(0), tag.s).translation).norm(),
-        stand, 1e-12);
-  }
-  EXPECT_EQ(on_first, 7);
-  // A rendered rig and its fits use pieces.
-  EXPECT_GT(scene.model.solve(Eigen::Vector3d(1e5, 0, 0)).shape.piecesPerSection(), 1);
 }
 
 // stiffness.K_eps_n as a table against pressure.

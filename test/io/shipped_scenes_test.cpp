@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
-#include <fstream>
 #include <set>
 
 #include <gtest/gtest.h>
@@ -12,8 +11,6 @@
 #include "basics/pi.hpp"
 #include "helix_arm/io/scene.hpp"
 #include "helix_arm/localization/arm_view.hpp"
-#include "helix_arm/model/curve.hpp"
-#include "io/scene/shipped_files.hpp"
 #include "scene_faults.hpp"
 #include "simulation/rig.hpp"
 #include "support/random.hpp"
@@ -121,34 +118,6 @@ TEST(ShippedScenes, AllLoadAndCanBeLaunchedAndTheSafetyCoreAcceptsThem) {
             (std::set<std::string>{"annotated", "demo", "demo_modbus", "demo_serial", "helical_50",
                                    "loaded", "mocap", "planar_101", "planar_50", "planar_76",
                                    "spatial_101", "spatial_50", "tapered_50_25"}));
-}
-
-// The kinds of regulator that annotated.yaml has as comments: those of `#key: value`, indented.
-std::string annotatedWith(const std::string& kind) {
-  std::ifstream file(HELIX_ARM_SOURCE_DIR "/config/scenes/annotated.yaml");
-  std::string text, block;
-  for (std::string line; std::getline(file, line);) {
-    const std::size_t at = line.find_first_not_of(' ');
-    const bool commented = at != std::string::npos && at > 0 && line[at] == '#' &&
-                           at + 1 < line.size() && line[at + 1] != ' ';
-    if (at == 0) block = line;
-    if (at == 2) block = line.substr(commented ? 3 : 2);
-    if (block == "simulated:") continue;
-    if (commented && block == kind + ":") line.erase(at, 1);
-    text += line + "\n";
-  }
-  return text;
-}
-
-TEST(ShippedScenes, TheAnnotatedRegulatorsAreRight) {
-  const test::TemporaryFile serial(annotatedWith("ascii_serial")),
-      modbus(annotatedWith("modbus_tcp"));
-  const Scene bus = loadScene(serial.path()), terminal = loadScene(modbus.path());
-  EXPECT_EQ(std::get<regulator::SerialConfig>(bus.regulator.value()).profile.name, "alicat");
-  EXPECT_EQ(std::get<regulator::SerialConfig>(bus.regulator.value()).addresses.size(), 6u);
-  EXPECT_EQ(std::get<regulator::ModbusConfig>(terminal.regulator.value()).profile.name,
-            "festo_vtem");
-  EXPECT_EQ(std::get<regulator::ModbusConfig>(terminal.regulator.value()).slots.size(), 6u);
 }
 
 TEST(ShippedScenes, TheHelicalArmsTagsAreWhereTheRigHadThem) {

@@ -6,7 +6,6 @@
 #include <gtest/gtest.h>
 
 #include "helix_arm/control/tip_path.hpp"
-#include "helix_arm/io/fault_list.hpp"
 #include "io/data/tip_path_file.hpp"
 #include "support/random.hpp"
 #include "support/table_faults.hpp"
@@ -20,11 +19,6 @@ const std::string kCornerHeader =
 
 std::vector<TagCornerCapture> loadCorners(const std::string& text) {
   return loadTagCorners(loadDataSet(test::TemporaryFile(text).path()), 2);
-}
-
-std::string cornerFaults(const std::string& text) {
-  return test::tableFaults(text,
-                           [](const std::string& path) { loadTagCorners(loadDataSet(path), 2); });
 }
 
 TEST(TagCorners, RowsOfACaptureBelongTogether) {
@@ -75,36 +69,6 @@ TEST(TagCorners, WrittenCornersReadBackToTheLastBit) {
   }
   EXPECT_EQ(tagCornerCsv({}, 2, ""), kCornerHeader);
   EXPECT_THROW(tagCornerCsv(captures, 3, ""), std::invalid_argument);
-}
-
-TEST(TagCorners, OfKnownTimesAreWrittenWithThemAndReadBack) {
-  TagCorners tag{3, {}};
-  tag.corners.setZero();
-  std::vector<TagCornerCapture> captures{{1, Eigen::Vector2d(0, 0), {tag}, 1.7e9 + 0.25},
-                                         {2, Eigen::Vector2d(1e3, 0), {tag}, 1.7e9 + 3.5}};
-  const auto read = loadCorners(tagCornerCsv(captures, 2, ""));
-  ASSERT_EQ(read.size(), 2u);
-  for (std::size_t c = 0; c < read.size(); ++c) EXPECT_EQ(read[c].time, captures[c].time);
-  captures[1].time.reset();
-  for (const TagCornerCapture& one : loadCorners(tagCornerCsv(captures, 2, "")))
-    EXPECT_FALSE(one.time);
-}
-
-TEST(TagCorners, AllFaultsAreReportedWithTheirLines) {
-  EXPECT_EQ(cornerFaults(kCornerHeader + "1,0,0,3,1,2,3,4,5,6,7,8\n"
-                                         "1,0,0,3,1,2,3,4,5,6,7,8\n"
-                                         "1,0,5,4,1,2,3,4,5,6,7,8\n"
-                                         "-1,0,0,4,1,2,3,4,5,6,7,8\n"
-                                         "2,0,0,0.5,1,2,3,4,5,6,7,8\n"),
-            ":3 measures the tag of line 2 again in the same capture; expected it once\n:4 has "
-            "other pressures than its capture; expected those of line 2\n:5 capture is not a whole "
-            "number from 0 to 1000000000\n:6 tag is not a whole number from 0 to 1000000000");
-  EXPECT_EQ(cornerFaults(kCornerHeader + "1,0,0,3,1,2,nan,4,5,6,7,8\n"),
-            ":2 x2_px is not a finite number; expected one");
-  EXPECT_EQ(cornerFaults("capture,pressure_1_kpa,x1_px\n1,0,0\n"),
-            " has no column tag, y1_px, x2_px, y2_px, x3_px, y3_px, x4_px, y4_px; expected "
-            "capture, pressure_1_kpa .., tag, x1_px, y1_px, x2_px, y2_px, x3_px, y3_px, x4_px, "
-            "y4_px");
 }
 
 const std::string kPoseHeader =
@@ -168,18 +132,6 @@ void expectSame(const std::vector<TipWayPoint>& read, const std::vector<TipWayPo
   }
 }
 
-TEST(TipPathFile, ReadsTheFourColumnsWhereverTheyStand) {
-  const auto points = load(
-      "# comment\nz_m,pressure_1_kpa,time_s,x_m,y_m\n0.3,7,0,0.1,0.2\n"
-      "-0.3,8,1.5,-0.1,1e-3\n");
-  ASSERT_EQ(points.size(), 2u);
-  EXPECT_EQ(points[0].time, 0.0);
-  EXPECT_EQ(points[1].time, 1.5);
-  EXPECT_EQ(points[0].position, Vector3d(0.1, 0.2, 0.3));
-  EXPECT_EQ(points[1].position, Vector3d(-0.1, 1e-3, -0.3));
-  EXPECT_FALSE(points[0].rotation || points[0].velocity);
-}
-
 TEST(TipPathFile, WhatIsWrittenIsReadAsTheSame) {
   test::Random random(1);
   std::vector<TipWayPoint> points;
@@ -210,10 +162,6 @@ TEST(TipPathFile, AllFaultsAreReportedWithTheirLines) {
             ":9 x_m is beyond 1000000; expected metres from the arm's base\n"
             ":9 z_m is beyond 1000000; expected metres from the arm's base\n"
             ":10 time_s is not within 0 to 1000000; expected the time since the start of the path");
-  EXPECT_EQ(faultsOf(kHeader + "0,0,0,nan\n1,inf,,0\nx,0,0,0\n"),
-            ":2 z_m is not a finite number; expected one\n:3 x_m is not a finite number; expected "
-            "one\n:3 y_m is empty; expected a finite number\n:4 time_s is not a finite number; "
-            "expected one");
   EXPECT_EQ(faultsOf(kHeader + "0,0,0,0\n1e-6,0,0,0\n"), "") << "the shortest step";
 }
 
