@@ -86,30 +86,6 @@ TEST(PressureObserver, IgnoresWhatIsNoPressure) {
   }
 }
 
-TEST(PressureObserver, RemembersThreeSeconds) {
-  PressureObserver observer(2, kLag, kNoise);
-  PressureObserver::Estimate at;
-  EXPECT_FALSE(observer.at(0.0, at));
-  Eigen::VectorXd ramp(2);
-  for (int k = 0; k <= 500; ++k) {
-    const double t = k * kPeriod;
-    ramp << 1e4 * t, -1e4 * t;
-    observer.update(t, ramp, ramp);
-  }
-  EXPECT_EQ(observer.time(), 500 * kPeriod);
-  ASSERT_TRUE(observer.at(5.0, at));
-  EXPECT_EQ(at.pressure, observer.newest().pressure);
-  EXPECT_FALSE(observer.at(5.001, at));
-  EXPECT_TRUE(observer.at(2.0, at) && observer.at(observer.earliest(), at));
-  EXPECT_FALSE(observer.at(1.98, at));
-  PressureObserver::Estimate before, after;
-  ASSERT_TRUE(observer.at(2.5, before) && observer.at(2.51, after) && observer.at(2.5025, at));
-  const Eigen::VectorXd expected = 0.75 * before.pressure + 0.25 * after.pressure;
-  EXPECT_LE((at.pressure - expected).norm(), 1e-9 * expected.norm());
-  const Eigen::VectorXd variance = 0.75 * before.variance + 0.25 * after.variance;
-  EXPECT_LE((at.variance - variance).norm(), 1e-9 * variance.norm());
-}
-
 TEST(PressureObserver, AllocatesNothing) {
   PressureObserver observer(3, kLag, kNoise);
   const Eigen::VectorXd reading = Eigen::VectorXd::Constant(3, 1e5);

@@ -1,8 +1,8 @@
 // The core as a whole: its rules, new ones while it runs, and why it refuses to be enabled.
 #include "support/allocation_counter.hpp"
-#include "support/expect_refusal.hpp"
 #include "support/has.hpp"
 #include "support/random.hpp"
+#include "support/refusal.hpp"
 #include "support/safety_bench.hpp"
 
 namespace helix_arm::control {
@@ -16,7 +16,6 @@ using test::kTurn;
 using State = SafetyState;
 using Cause = SafetyCause;
 
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 
 // What a healthy rig reads: lags, noise of 5 kPa, a hundred readings a second.
@@ -95,40 +94,6 @@ TEST(SafetyCoreAsAWhole, NothingAllocatesDuringAFaultOrOnTheWayToRest) {
   }
 }
 
-TEST(SafetyCoreAsAWhole, FaultsOfRulesAndChannelsAreReported) {
-  const auto refused = [](void (*spoil)(SafetyRules&)) {
-    SafetyRules rules;
-    spoil(rules);
-    return test::refusal([&] { SafetyCore(test::benchChannels(), rules); });
-  };
-  EXPECT_EQ(refused([](SafetyRules&) {}), "accepted");
-  EXPECT_EQ(refused([](SafetyRules& r) { r.target_timeout = kInfinity; }), "accepted");
-  EXPECT_EQ(refused([](SafetyRules& r) { r.spike_time = r.trip_margin = r.hold_time = 0; }),
-            "accepted");
-  EXPECT_EQ(refused([](SafetyRules& r) { r.target_timeout = 0; }),
-            "safety rules: target_timeout [s] is 0; expected a value > 0");
-  EXPECT_EQ(refused([](SafetyRules& r) { r.min_supply = -5; }),
-            "safety rules: min_supply [Pa] is -5; expected a finite value > 0");
-
-  const auto channel = [](const ChannelRules& rules) {
-    return test::refusal([&] { SafetyCore({rules}, SafetyRules()); });
-  };
-  EXPECT_EQ(test::refusal([] { SafetyCore({}, SafetyRules()); }),
-            "safety core: no channels; expected at least one");
-  EXPECT_EQ(channel({"", {0, 1}}), "safety core: a channel has no name; expected one");
-  EXPECT_EQ(channel({"m", {1, 0}}),
-            "m: the limits [Pa] are 1 to 0; expected finite values, the lower first");
-  EXPECT_EQ(channel({"m", {0, 4e5}, 0}), "m: slew [Pa/s] is 0; expected a value > 0");
-  SafetyRules tight;
-  tight.trip_margin = 1e3;
-  EXPECT_EQ(
-      test::refusal([&] {
-        SafetyCore({{"m", {-5e4, 0}}}, tight);
-      }),
-      "m: vented_below [Pa] is 15000; expected less than 1000, where it is over its limits by "
-      "trip_margin");
-}
-
 TEST(SafetyAdopt, OrdersGoOnUnderNewRules) {
   Bench bench = enabledBench();
   std::vector<ChannelRules> channels = benchChannels();
@@ -159,18 +124,6 @@ TEST(SafetyAdopt, LimitsThatTheOrdersAreOutsideOfAreRefusedAndTheOldOnesStay) {
   ASSERT_EQ(bench.state(), SafetyState::kVented);
   bench.core.adopt(channels, benchRules());
   EXPECT_EQ(bench.core.channels()[1].limits.upper, 0.9e5);
-}
-
-TEST(SafetyAdopt, OtherChannelsAndBrokenRulesAreRefused) {
-  Bench bench;
-  std::vector<ChannelRules> renamed = benchChannels(), fewer = benchChannels();
-  renamed[2].name = "other";
-  fewer.pop_back();
-  SafetyRules broken = benchRules();
-  broken.vent_time = -1;
-  test::expectRefusal("other", [&] { bench.core.adopt(renamed, benchRules()); });
-  test::expectRefusal("2 channels", [&] { bench.core.adopt(fewer, benchRules()); });
-  test::expectRefusal("vent_time", [&] { bench.core.adopt(benchChannels(), broken); });
 }
 
 TEST(SafetyLoosened, NamesEachRuleThatWouldLetMoreThrough) {
@@ -214,41 +167,6 @@ TEST(SafetyLoosened, NamesEachRuleThatWouldLetMoreThrough) {
               rules.min_supply = 4e5;
             }),
             "");
-}
-
-TEST(SafetyRefusal, NamesWhatIsWrongNow) {
-  Bench bench;
-  const auto expect = [&](const char* culprit, double later = 0) {
-    EXPECT_TRUE(test::has(bench.core.refusal(bench.now + later), culprit));
-  };
-  expect("vents has not been read yet");
-  bench.turn();
-  for (const Guard guard : {Guard::kStarting, Guard::kStandsStill, Guard::kEnded}) {
-    bench.core.guarded(bench.now, guard);
-    expect("the guard");
-  }
-  bench.core.guarded(bench.now, Guard::kStands);
-  bench.core.linked(bench.now, false);
-  expect("the regulator's link is down");
-  bench.core.linked(bench.now, true);
-  EXPECT_EQ(bench.core.refusal(bench.now), "");
-  EXPECT_EQ(bench.core.refusal(bench.now - 1e6), "");
-  EXPECT_EQ(bench.core.refusal(kNan), "");
-  expect("vents was not read for 0.75 s, longer than 0.5 s", 0.75);
-  bench.readsAs(2, 1.42e4);
-  bench.run(1);
-  expect("closes reads 14.2 kPa, more than 10 kPa");
-  bench.spoil = nullptr;
-  bench.supply = 3e5;
-  bench.turn();
-  expect("the supply reads 300.0 kPa, less than 350 kPa");
-  bench.supply = kNan;
-  bench.run(0.75);
-  expect("the supply was not read");
-  bench.core.emergencyStop(bench.now, true);
-  bench.supply = 5e5;
-  ASSERT_TRUE(bench.reach(State::kVented));
-  expect("the emergency stop is engaged");
 }
 
 }  // namespace

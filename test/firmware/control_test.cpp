@@ -77,21 +77,6 @@ TEST_P(BoardControl, StartsVentedAndMovesNothingUntilItWasToldToVent) {
   EXPECT_LT(board.air().peak(), 1.0);
 }
 
-TEST_P(BoardControl, ChannelsAreIndependent) {
-  ReadyBoard board(GetParam());
-  const double end = board.time() + 1;
-  const auto goal = [](int channel) { return 40.0 + 30 * channel; };
-  while (board.time() < end) {
-    for (int i = 0; i < board.channels(); ++i) {
-      board.order(i, i == 1 ? "vent" : std::to_string(goal(i)));
-    }
-  }
-  for (int i = 0; i < board.channels(); ++i) {
-    EXPECT_NEAR(board.pressure(i), i == 1 ? 0 : 1e3 * goal(i), kDeadBand + kNoise) << i;
-    EXPECT_EQ(board.vents(i), i == 1) << i;
-  }
-}
-
 TEST_P(BoardControl, AClosedChannelKeepsItsPressureAndAVentedOneLosesIt) {
   ReadyBoard board(GetParam());
   board.keep("150", 1);
@@ -140,25 +125,6 @@ TEST_P(BoardControl, ReadingDoesNotHoldAPressure) {
   EXPECT_TRUE(board.allVent());
 }
 
-TEST_P(BoardControl, TheLightTellsVentedFromHeldFromFaulty) {
-  ReadyBoard board(GetParam());
-  const auto changes = [&](double duration) {
-    int count = 0;
-    for (const double end = board.time() + duration; board.time() < end;) {
-      const bool before = board.isLit();
-      board.order(0, board.pressure(0) > 5e4 ? "100" : "vent");
-      count += board.isLit() != before ? 1 : 0;
-    }
-    return count;
-  };
-  EXPECT_NEAR(changes(4), 8, 1) << "1 Hz";
-  board.keep("100", 0.5);
-  EXPECT_TRUE(board.isLit());
-  EXPECT_EQ(changes(2), 0);
-  board.air().fail(1, ChannelFault::kSensorOpen);
-  EXPECT_NEAR(changes(2), 20, 2) << "5 Hz";
-}
-
 // Else the pins without a sensor would count as broken ones.
 TEST(BoardForFewerChannels, HasNoOthers) {
   ReadyBoard board(kFiveChannels);
@@ -172,26 +138,6 @@ TEST(BoardForFewerChannels, HasNoOthers) {
 }
 
 INSTANTIATE_TEST_SUITE_P(, BoardControl, testing::ValuesIn(drawnBoards()), nameOfKind);
-
-// Muscles that the constants were not chosen for. One pulse of an inlet is 3 ms at least.
-TEST(BoardMuscles, SlowOnesAreFollowedAsWellAndFastOnesToAPulse) {
-  struct Row {
-    double fill_time, vent_time, tolerance;
-  };
-  constexpr double kPulse = 0.006, kSupply = 5e5;  // with the lags of valve and reading [s], [Pa]
-  for (const Row& row :
-       {Row{0.1, 0.1, kPulse * kSupply / 0.1}, Row{0.5, 0.4, 3e3}, Row{1.5, 1, 3e3}}) {
-    Pneumatics::Config muscles;
-    muscles.fill_time = row.fill_time;
-    muscles.vent_time = row.vent_time;
-    ReadyBoard board(kSmallBoard, muscles);
-    for (const double to : {100., 200., 250.}) {
-      board.keep(std::to_string(to), 4 * row.fill_time + 0.5);
-      EXPECT_NEAR(board.pressure(0), 1e3 * to, row.tolerance) << row.fill_time;
-      EXPECT_LT(board.air().peak(), 1e3 * to + row.tolerance) << row.fill_time;
-    }
-  }
-}
 
 }  // namespace
 }  // namespace helix_arm::test

@@ -1,5 +1,4 @@
 // What the board takes from its line, and what it answers: the profile `generic`.
-#include <sstream>
 
 #include "regulator/line_format.hpp"
 #include "simulated_board.hpp"
@@ -34,19 +33,6 @@ TEST_P(BoardLine, ReadingsAreThePressures) {
 }
 
 INSTANTIATE_TEST_SUITE_P(, BoardLine, testing::ValuesIn(drawnBoards()), nameOfKind);
-
-TEST(BoardLines, WhatIsNoLineOfTheProfileIsRefusedAndChangesNothing) {
-  ReadyBoard board;
-  board.order(0, "close");
-  std::istringstream words(
-      "p p0 p0= p0=-5 p0=+5 p0=1e2 p0=1.2.3 p0=12,5 p0=. p0=nan p0=100kPa p0=123456 p0==5 P0? p9? "
-      "p0=Vent p0=vented q0=100 p00? p0=100p0=100 p0=0000000000000000000000100 hello \x01p0=100 "
-      "p0=10\xF0\x30");
-  for (std::string line; words >> line;) EXPECT_EQ(board.ask(line), "?") << line;
-  EXPECT_EQ(board.ask("p0 ?"), "?");
-  EXPECT_EQ(board.ask(""), "");
-  EXPECT_LT(board.air().peak(), 1.0);
-}
 
 using regulator::withChecksum;
 

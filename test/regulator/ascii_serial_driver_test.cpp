@@ -156,18 +156,6 @@ TEST_P(AsciiSerialProfiles, VentingLetsAllAirOutAndSetPointsBringItBack) {
   }
 }
 
-TEST_P(AsciiSerialProfiles, OneChannelVentsWhileOthersRegulate) {
-  driver_->connect();
-  ASSERT_TRUE(line_.fills());
-  ValveOrders orders = regulate(SerialLine::kFull);
-  orders.valve[1] = Valve::kVent;
-  orders.set_point[1] = 0;
-  driver_->write(orders);
-  ASSERT_TRUE(eventually([&] { return device_.pressure()[1] < 1e3; }));
-  EXPECT_GT(device_.pressure()[0], 1.9e5);
-  EXPECT_GT(device_.pressure()[2], 1.9e5);
-}
-
 TEST_P(AsciiSerialProfiles, ClosedChannelsKeepTheirPressureUntilTheyRegulateOrVent) {
   driver_->connect();
   ASSERT_TRUE(line_.fills());
@@ -246,41 +234,6 @@ TEST(AsciiSerialDriver, ADeviceWithAnotherUnitIsRefusedBeforeItsFirstSetPoint) {
   trusts->close();
   EXPECT_EQ(failureOf([&] { asks->connect(); }).text, refused.text);
   EXPECT_TRUE(device.setPoint().isZero()) << "it is vented";
-}
-
-// Either side may be the one without.
-TEST(AsciiSerialDriver, ADeviceWithAnotherIdeaOfChecksumsIsRefused) {
-  const SerialProfile with = test::withChecksums(test::genericProfile());
-  const SerialProfile without = test::genericProfile();
-  EmulatedDevice old(deviceOf(without)), checked(deviceOf(with));
-  const auto to_old = driverOf(with, old.path()), to_checked = driverOf(without, checked.path());
-  EXPECT_TRUE(
-      has(failureOf([&] { to_old->connect(); }).text, "whose checksum is missing or wrong"));
-  EXPECT_TRUE(has(failureOf([&] { to_checked->connect(); }).text, "does not match"));
-}
-
-TEST(AsciiSerialDriver, AnswersToSetPointsCountAsReadings) {
-  SerialLine line;
-  auto& [device, driver] = line;
-  driver->connect();
-  Pressures pressures(kChannels);
-  driver->read(pressures);  // those of connecting
-  const std::uint64_t before = device.taken();
-  driver->write(regulate(Eigen::Vector3d::Constant(1e5)));
-  driver->read(pressures);
-  EXPECT_TRUE(pressures.pressure.allFinite());
-  EXPECT_EQ(device.taken() - before, static_cast<std::uint64_t>(kChannels));
-  driver->read(pressures);
-  EXPECT_TRUE(pressures.pressure.allFinite());
-  EXPECT_EQ(device.taken() - before, static_cast<std::uint64_t>(2 * kChannels));
-}
-
-TEST(AsciiSerialDriver, TheSupplyIsReadIfTheReplyContainsIt) {
-  SerialLine with(test::togetherProfile()), without;
-  with.driver->connect();
-  EXPECT_NEAR(readAll(with.driver).supply, 6e5, 100.0);
-  without.driver->connect();
-  EXPECT_TRUE(std::isnan(readAll(without.driver).supply));
 }
 
 // One unit of a bus is dead (the device knows another address): the others still vent.

@@ -1,7 +1,6 @@
 #include "regulator/guard_process.hpp"
 
 #include <csignal>
-#include <thread>
 
 #include <gtest/gtest.h>
 #include <sched.h>
@@ -83,16 +82,6 @@ TEST_F(Noting, OutlivesAKilledProcessGroupAndNoticesIt) {
   EXPECT_EQ(told(), "");
 }
 
-TEST_F(Noting, ThatHasEndedNeverStood) {
-  const GuardProcess guard({"/bin/true"});
-  bool stood = false;
-  EXPECT_TRUE(eventually([&] {
-    stood = stood || guard.state() == Guard::kStands;
-    return guard.state() == Guard::kEnded;
-  }));
-  EXPECT_FALSE(stood);
-}
-
 // Silence takes ten beats to be known, an end takes none.
 TEST_F(Noting, ThatIsKilledIsKnownToHaveEndedBeforeItMissesABeat) {
   const GuardProcess guard(single());
@@ -110,27 +99,6 @@ TEST_F(Noting, IsNotReadyWhileStopped) {
   EXPECT_TRUE(eventually([&] { return guard.state() == Guard::kStandsStill; }));
   ASSERT_EQ(kill(numberOfSingle(), SIGCONT), 0);
   EXPECT_TRUE(eventually([&] { return guard.state() == Guard::kStands; }));
-}
-
-TEST_F(Noting, ThatIsStoppedFindsItsDismissalWhenItWakesUp) {
-  GuardProcess guard(single());
-  ASSERT_TRUE(eventually([&] { return beats() >= 3; }));
-  ASSERT_EQ(kill(numberOfSingle(), SIGSTOP), 0);
-  ASSERT_TRUE(eventually([&] { return guard.state() == Guard::kStandsStill; }));
-  guard.dismiss();
-  EXPECT_EQ(guard.state(), Guard::kEnded);
-  EXPECT_EQ(told(), "");
-  ASSERT_EQ(kill(numberOfSingle(), SIGCONT), 0);
-  EXPECT_TRUE(eventually([&] { return told() == std::string(1, GuardProcess::kDismissal); }));
-}
-
-TEST_F(Noting, HasMoreTimeForItsFirstAnswerThanForOthers) {
-  const double late = 1.5 * GuardProcess::kMissedBeats * GuardProcess::kBeatPeriod;
-  GuardProcess guard({"/bin/sh", "-c",
-                      "sleep " + std::to_string(late) + "; exec tee \"$0\" >&0 2>/dev/null",
-                      note()});
-  EXPECT_TRUE(eventually([&] { return guard.state() != Guard::kStarting; }));
-  EXPECT_EQ(guard.state(), Guard::kStands);
 }
 
 TEST_F(Noting, ThatNeverAnswersDoesNotStand) {
@@ -216,21 +184,6 @@ TEST_F(TwoDrivers, OneThatIgnoresOthersConnectsAndKeepsThemOut) {
   ward->close();
   guard->connect();
   EXPECT_THROW(third->connect(), LinkError);
-}
-
-// ---- Real-time priority and locked memory are never required ------------------------------------
-
-TEST(Realtime, ItIsTheCallingThreadsAlone) {
-  if (!tryRealtime(1).empty()) GTEST_SKIP() << "this user has no real-time priority";
-  int mine = -1, childs = -1;
-  std::thread([&] {
-    scheduleRealtime(1);
-    mine = sched_getscheduler(0) & ~SCHED_RESET_ON_FORK;
-    std::thread([&] { childs = sched_getscheduler(0); }).join();
-  }).join();
-  EXPECT_EQ(mine, SCHED_FIFO);
-  EXPECT_EQ(childs, SCHED_OTHER);
-  EXPECT_EQ(sched_getscheduler(0), SCHED_OTHER);
 }
 
 }  // namespace

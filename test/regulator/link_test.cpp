@@ -169,26 +169,5 @@ TEST_P(Link, ARestartedDeviceIsConnectedAnewAndVented) {
   EXPECT_EQ(read(), Eigen::Vector3d(2e5, 2e5, 2e5));
 }
 
-TEST_P(Link, WithoutALinkNothingIsSent) {
-  const auto expectNone = [&](const std::unique_ptr<Driver>& driver) {
-    EXPECT_EQ(endOf([&] { driver->write(regulate(1e5)); }), End::kLinkError);
-    EXPECT_EQ(endOf([&] { driver->vent(); }), End::kLinkError);
-    EXPECT_EQ(endOf([&] { readingOf(*driver); }), End::kLinkError);
-  };
-  expectNone(makeDriver(regulator_, kChannels));
-  driver_->close();
-  driver_->close();
-  expectNone(driver_);
-}
-
-TEST_P(Link, ReconnectingLeavesNothingOpen) {
-  const auto before = openFiles();
-  for (int i = 0; i < 10; ++i) driver_->connect();
-  device_.setFault(DeviceFault::kGarbage);
-  for (int i = 0; i < 5; ++i) EXPECT_EQ(endOf([this] { driver_->connect(); }), End::kLinkError);
-  heal();
-  EXPECT_TRUE(eventually([&] { return openFiles() == before; }));
-}
-
 }  // namespace
 }  // namespace helix_arm::regulator

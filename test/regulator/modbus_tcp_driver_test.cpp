@@ -98,15 +98,6 @@ TEST(ModbusTcpDriver, VtemHasACommandAndTwoSetPointsASlot) {
   EXPECT_EQ(raw.read(40003, 9), (Words{195, 0, 0, 0, 0, 0, 195, 0, 0}));
 }
 
-TEST(ModbusTcpDriver, MpaHasOneSetPointARegulator) {
-  Connected at(mpaProfile(), 4, {3, 0});
-  at.driver->write(regulate({1e5, 25.7e3}));
-  const RawModbus raw(at.device.port());
-  EXPECT_EQ(raw.read(40003, 4), (Words{257, 0, 0, 1000}));
-  at.driver->vent();
-  EXPECT_EQ(raw.read(40003, 4), (Words{0, 0, 0, 0}));
-}
-
 TEST(ModbusTcpDriver, ReadsWhatTheDeviceReachesInTheArmsOrder) {
   for (const ModbusProfile& profile : {vtemProfile(), mpaProfile()}) {
     Connected at(profile, 6, {5, 0, 2});
@@ -162,29 +153,6 @@ TEST(ModbusTcpDriver, AbsoluteDevicesAreGaugeAbove) {
   EXPECT_NEAR(readingOf(at.driver, 1)[0], 1e5, 1e-6);
 }
 
-TEST(ModbusTcpDriver, TheSupplyIsReadIfTheProfileHasIt) {
-  ModbusProfile profile = mpaProfile();
-  profile.supply = 45390;
-  EmulatedDeviceConfig config = quietDevice(profile, 2);
-  config.valves.supply_pressure = 6.1e5;
-  EmulatedDevice device(config);
-  const auto driver = driverOf(profile, device.port(), {0, 1});
-  driver->connect();
-  Pressures pressures(2);
-  driver->read(pressures);
-  EXPECT_EQ(pressures.supply, 6.1e5);
-}
-
-TEST(ModbusTcpDriver, InputRegistersAreReadByTheirOwnFunction) {
-  ModbusProfile profile = mpaProfile();
-  profile.input_registers = true;
-  profile.input_base = 0;
-  Connected at(profile, 2, {0, 1});
-  at.driver->write(regulate({1e5, 2e5}));
-  ASSERT_TRUE(eventually([&] { return std::abs(at.device.pressure()[1] - 2e5) < 1e-3; }));
-  EXPECT_EQ(readingOf(at.driver, 2), Eigen::Vector2d(1e5, 2e5));
-}
-
 TEST(ModbusTcpDriver, AppsAreAcknowledgedAndStartedVentedAndASlotThatDoesNotGetReadyIsNamed) {
   EmulatedDevice device(quietDevice(vtemProfile(), 6));
   EXPECT_EQ(device.valves(), std::vector<Valve>(6, Valve::kClose));
@@ -230,14 +198,6 @@ TEST(ModbusTcpDriver, ASlotClosesWhereAllItsChannelsDo) {
   at.driver->vent();
   EXPECT_TRUE(eventually([&] { return at.device.pressure().maxCoeff() < 1e3; }));
   EXPECT_NO_THROW(readingOf(at.driver, 4));
-}
-
-TEST(ModbusTcpDriver, WithoutAppsChannelsThatAreToCloseVent) {
-  Connected at(mpaProfile(), 2, {0, 1});
-  ValveOrders orders = regulate({1e5, 1e5});
-  orders.valve[0] = Valve::kClose;
-  at.driver->write(orders);
-  EXPECT_EQ(at.device.setPoint(), Eigen::Vector2d(0, 1e5));
 }
 
 TEST(ModbusLink, ALateDeviceReceivesTheVentAndEmptiesWhileTheLinkIsHeld) {
@@ -347,13 +307,6 @@ TEST(ModbusReplies, ARegisterIsANumberWithASign) {
   EXPECT_EQ(reading(0xff, 0x9c), -10e3);
   EXPECT_EQ(reading(0x7f, 0xff), 3276.7e3);
   EXPECT_TRUE(std::isnan(reading(0x80, 0x00)));
-}
-
-TEST(ModbusReplies, NoPressureIsBelowVacuum) {
-  Answered device([](const Bytes& request) { return framed(request, {3, 2, 0x80, 0x01}); });
-  const std::string error = refusal<BadReply>([&] { device.read(); });
-  EXPECT_TRUE(
-      has(error, "register 45395 of festo_mpa reads -3276.7 kPa; expected no less than vacuum"));
 }
 
 TEST(ModbusReplies, AnExceptionIsABadReplyAndTheLinkLives) {

@@ -380,15 +380,6 @@ class Path : public ::testing::Test {
   std::optional<PressurePath> path_;
 };
 
-TEST_F(Path, ATargetReachesTheDeviceOnceEnabled) {
-  const Eigen::Vector2d wanted(1e5, 2e5);
-  EXPECT_FALSE(path_->target(steadyNow(), wanted));
-  enable();
-  ASSERT_TRUE(path_->target(steadyNow(), wanted));
-  ASSERT_TRUE(turnUntil([&] { return device_.taken().set_point == wanted; }));
-  EXPECT_EQ(device_.taken().valve, std::vector<Valve>(kChannels, Valve::kRegulate));
-}
-
 TEST_F(Path, ALinkThatDropsAndComesBackBetweenTwoTurnsHasDropped) {
   enable();
   const std::uint64_t breaks = path_->io()->breaks();
