@@ -2,7 +2,6 @@
 // open loop beside the closed one. docs/closed_loop.md quotes the lines marked FIGURE.
 #include <Eigen/Cholesky>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdio>
 #include <optional>
@@ -15,7 +14,6 @@
 #include "helix_arm/control/tip_path.hpp"
 #include "helix_arm/dynamics/arm_motion.hpp"
 #include "helix_arm/model/curve.hpp"
-#include "helix_arm/statics/payload.hpp"
 #include "procedures/calibration_job.hpp"
 #include "procedures/captures.hpp"
 #include "procedures/follow_run.hpp"
@@ -212,102 +210,6 @@ TEST(ClosedLoop, AResponseThatTheSceneKnowsLeavesNoBias) {
   EXPECT_LT(circle, circle_without);
 }
 
-// The pressure makes up for creep that the scene knows while the slow state follows.
-TEST(ClosedLoop, CreepThatTheSceneKnowsIsMadeUpFor) {
-  const std::string creep =
-      "{rise_time_constant_s: 0.3, slow_time_constant_s: 7, slow_weight: 0.6}";
-  const io::Scene known = demo({test::kIdealRig, {"contractions.fig3_muscle.response", creep}});
-  const io::Scene unknown = demo({test::kIdealRig, {"simulation.arm.response", creep}});
-  const FollowPlan plan = steps(known, 20, 6);
-  const FollowResult result = procedures::runFollow(known, plan);
-  const StepFigures with = figuresOf(result),
-                    without = figuresOf(procedures::runFollow(unknown, plan));
-  std::printf("[  FIGURE  ] creep of 7 s, weight 0.6: steady RMS %.2f mm; unknown %.2f mm\n",
-              kMm * with.steady_rms, kMm * without.steady_rms);
-  EXPECT_LE(with.steady_rms, 0.002);
-  EXPECT_LT(with.steady_rms, 0.85 * without.steady_rms);
-  EXPECT_TRUE(result.alarms.empty());
-}
-
-// A weight is hung on the tip, and the scene knows it.
-TEST(ClosedLoop, HoldsWhatThePayloadAllowsAndNamesTheMuscleThatEndsIt) {
-  const auto scene = [](double weight) {
-    const std::string load = "{mass_kg: 0.2, tip: {mass_kg: " + std::to_string(weight) + "}}";
-    return test::shippedScene("loaded", {{"load", load}, {"simulation.arm", "{}"}});
-  };
-  const io::Scene free = scene(0.0);
-  FollowPlan plan;
-  plan.tips = {free.model.tip(free.arm.inputAt(Eigen::Vector3d(0.45, 0.15, 0.1))).tip.translation};
-  plan.seconds = 8;
-  statics::PayloadSolver solver(free.model);
-  solver.moveTo(plan.tips.front());
-  const statics::Payload payload = solver.along(free.model.load()->gravity);
-  ASSERT_EQ(payload.end, statics::PayloadEnd::kLimits);
-  const double gravity = free.model.load()->gravity.norm();
-  std::array<double, 2> error{};
-  for (int i = 0; i < 2; ++i) {
-    const io::Scene heavy = scene((i == 0 ? 0.95 : 1.05) * payload.force / gravity);
-    const FollowResult result = run(heavy, plan);
-    error[i] = (result.rows.back().true_tip - plan.tips.front()).norm();
-    if (i == 0) continue;
-    EXPECT_TRUE(result.figures.unreachable.front());
-    for (std::size_t m = 0; m < payload.limits.size(); ++m) {
-      if (payload.limits[m] == statics::Limit::kNone) continue;
-      EXPECT_EQ(result.figures.limits.front()[m], payload.limits[m]) << m;
-    }
-  }
-  std::printf(
-      "[  FIGURE  ] payload %.1f N: with 95 %% of it the tip is %.2f mm off, with 105 %% %.2f mm\n",
-      payload.force, kMm * error[0], kMm * error[1]);
-  EXPECT_LT(error[0], solver.positionTolerance());
-  EXPECT_GT(error[1], solver.positionTolerance());
-}
-
-// The demo's rig with other modes of vibration. The filter's parameters do not describe it but for
-// strokes and a lag. At 1.5 Hz the first steps ring, until their pictures have shown the mode;
-// later ones are shaped.
-struct SwingingArm {
-  const char* name;
-  double frequency, damping;         // [Hz]
-  std::size_t first;                 // of the tips that count
-  double steady, settled;            // largest [m], [s]
-  std::array<double, 3> last_turns;  // largest of circles in 20, 8 and 4 s [m]
-};
-
-class ClosedLoopSwinging : public testing::TestWithParam<SwingingArm> {};
-
-TEST_P(ClosedLoopSwinging, IsSteadyAndNotTakenForAContact) {
-  if (GetParam().first == 0 && !test::isFullSize()) GTEST_SKIP() << test::kFullSizeOnly;
-  const SwingingArm& swinging = GetParam();
-  const io::Scene scene =
-      demo({{"simulation.arm.dynamics", swingingAt(swinging.frequency, swinging.damping)}});
-  const FollowResult result = procedures::runFollow(scene, steps(scene, test::draws(14, 40), 4));
-  const StepFigures figures = figuresOf(result, swinging.first);
-  std::printf("[  FIGURE  ] %s: steady RMS %.2f mm, settled after %.2f s in the median, %zu alarms",
-              swinging.name, kMm * figures.steady_rms, figures.settle_median, result.alarms.size());
-  EXPECT_LE(figures.steady_rms, swinging.steady);
-  EXPECT_LE(figures.settle_median, swinging.settled);
-  EXPECT_TRUE(result.alarms.empty());
-  EXPECT_FALSE(doubtedAt(result));
-  for (std::size_t i = test::draws(1, 0); i < static_cast<std::size_t>(test::draws(2, 3)); ++i) {
-    const double period = std::array<double, 3>{20, 8, 4}[i];
-    const FollowResult circle =
-        procedures::runFollow(scene, shape(scene, TipShape::kCircle, period, i == 0 ? 2 : 5));
-    ASSERT_TRUE(circle.figures.last_turn_rms);
-    std::printf(", circle in %.0f s %.2f mm", period, kMm * *circle.figures.last_turn_rms);
-    EXPECT_LE(*circle.figures.last_turn_rms, swinging.last_turns[i]) << period << " s";
-  }
-  std::printf("\n");
-}
-
-INSTANTIATE_TEST_SUITE_P(
-    Modes, ClosedLoopSwinging,
-    testing::Values(SwingingArm{"ten_hz", 10, 0.3, 0, 0.0004, 1.5, {0.0008, 0.0015, 0.003}},
-                    SwingingArm{"three_hz", 3, 0.2, 0, 0.0004, 1.5, {0.0008, 0.0015, 0.003}},
-                    SwingingArm{
-                        "one_and_a_half_hz", 1.5, 0.05, 10, 0.0012, 2.0, {0.0015, 0.002, 0.004}}),
-    [](const auto& swinging) { return std::string(swinging.param.name); });
-
 // Random rigs that swing, with play, lag, strokes and stiffness that the scene does not know: how
 // often the true tip is within the ellipsoid of 95 % about the predicted one.
 TEST(ClosedLoop, ThePredictedTipIsAsCertainAsItClaims) {
@@ -431,32 +333,6 @@ INSTANTIATE_TEST_SUITE_P(
                 0.0015, 0.003, 0.33}),
     [](const auto& discs) { return std::string(discs.param.name); });
 
-// Soft arms that hang, whose load is told 10 % too low: measured and predicted tips have the same
-// deviations from the mean twists, and a force at the tip has a balance.
-TEST(ClosedLoop, SoftHangingArmsWithALoadToldWrong) {
-  for (const double K_eps :
-       test::isFullSize() ? std::vector{30.0, 60.0, 120.0} : std::vector{30.0}) {
-    const auto hanging = [K_eps](double mass) {
-      return test::shippedScene("loaded", {{"arm.stiffness.K_eps_n", std::to_string(K_eps)},
-                                           {"load.mass_kg", std::to_string(mass)},
-                                           {"simulation.arm", "{}"}});
-    };
-    const io::Scene scene = hanging(0.405), rig = hanging(0.45);
-    test::Random random(3);
-    FollowPlan plan;
-    plan.tips = trueTips(rig, test::draws(4, 8), random);
-    plan.seconds = 4 * static_cast<double>(plan.tips.size());
-    const FollowResult result = procedures::runFollow(scene, rig, plan);
-    const StepFigures figures = figuresOf(result);
-    std::printf("[  FIGURE  ] hanging, K_eps %.0f N: steady RMS %.2f mm\n", K_eps,
-                kMm * figures.steady_rms);
-    EXPECT_EQ(figures.reached, static_cast<int>(plan.tips.size()));
-    EXPECT_LE(figures.steady_rms, 0.001);
-    EXPECT_EQ(result.contact_blind, 0.0);
-    EXPECT_TRUE(result.alarms.empty());
-  }
-}
-
 struct Drawing {
   const char* name;
   TipShape shape;
@@ -560,18 +436,6 @@ TEST(ClosedLoop, ATurnOfTheCircleWithoutPictures) {
   EXPECT_NEAR(rows, 800, 2);
   EXPECT_EQ(seen, 0);
   EXPECT_LE(rms, 0.0015);
-}
-
-TEST(ClosedLoop, TipsFromRenderedPictures) {
-  const io::Scene scene = demo();
-  FollowPlan plan = steps(scene, test::draws(2, 4), 3);
-  plan.vision = simulation::VisionKind::kRendered;
-  const FollowResult closed = run(scene, plan);
-  plan.vision = simulation::VisionKind::kCorners;
-  const StepFigures figures = printSteps("tips, rendered pictures", closed, openLoop(scene, plan));
-  EXPECT_EQ(figures.reached, static_cast<int>(plan.tips.size()));
-  // Within 12 s the loop has hardly learnt the strokes.
-  EXPECT_LE(figures.steady_rms, 0.0008);
 }
 
 // A camera that hangs while the arm moves, and sends its last picture with new stamps. A loop that

@@ -1,4 +1,3 @@
-#include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <random>
@@ -11,31 +10,16 @@
 
 #include "basics/quote.hpp"
 #include "basics/regular_file.hpp"
-#include "helix_arm/basics/requirement.hpp"
-#include "support/refusal.hpp"
 #include "support/temporary_folder.hpp"
 
 namespace helix_arm::basics {
 namespace {
-
-TEST(Quote, ShortPrintableTextStaysAsItIs) {
-  EXPECT_EQ(quoted(""), "");
-  EXPECT_EQ(quoted("muscle_1 ~ {x}"), "muscle_1 ~ {x}");
-  EXPECT_EQ(quoted(std::string(64, 'a')), std::string(64, 'a'));
-}
 
 TEST(Quote, EveryByteThatATerminalCouldTakeAmissBecomesAQuestionMark) {
   for (int byte = 0; byte < 256; ++byte) {
     const char c = static_cast<char>(byte);
     const bool printable = byte >= 0x20 && byte < 0x7f;
     EXPECT_EQ(quoted(std::string(1, c)), std::string(1, printable ? c : '?')) << byte;
-  }
-}
-
-TEST(Printable, TextOfAnyLanguageStaysAsItIs) {
-  for (const char* text : {"", "muscle_1 ~ {x}\\", "M\u00fcller \u03b3 \u4e16\u754c \U0001f600",
-                           "\u05d0\u05d1 \u0627\u0628", "\u00a0"}) {
-    EXPECT_EQ(printable(text), text);
   }
 }
 
@@ -74,15 +58,6 @@ TEST(Printable, OfAnyBytesNoControlCharacterIsLeft) {
   }
 }
 
-TEST(Requirement, HasTheMessageAndNoSignOfANan) {
-  const auto message = [](double value) {
-    return test::refusal([&] { requireValue(false, "Arm", "length", value, "a number"); });
-  };
-  EXPECT_EQ(message(-1.5), "Arm: length is -1.5; expected a number");
-  EXPECT_EQ(message(std::nan("")), "Arm: length is nan; expected a number");
-  EXPECT_EQ(message(-std::nan("")), "Arm: length is nan; expected a number");
-}
-
 namespace fs = std::filesystem;
 using test::TemporaryFolder;
 
@@ -96,27 +71,6 @@ std::string faultOf(const std::string& path, std::size_t most = kMost) {
 
 void write(const std::string& path, const std::string& bytes) {
   std::ofstream(path, std::ios::binary | std::ios::app) << bytes;
-}
-
-TEST(RegularFile, GivesItsBytesAsOftenAsAsked) {
-  const TemporaryFolder folder;
-  std::string bytes;
-  for (int i = 0; i < 300'000; ++i) bytes += static_cast<char>(i * 7 + i / 251);
-  write(folder / "a", bytes);
-  write(folder / "empty", "");
-  fs::create_symlink("a", folder / "link");
-  for (const char* name : {"a", "link"}) {
-    RegularFile file(folder / name);
-    ASSERT_TRUE(file.isOpen()) << file.fault();
-    EXPECT_EQ(file.size(), bytes.size());
-    EXPECT_EQ(file.readAll(bytes.size()), bytes);
-    EXPECT_EQ(file.readAll(bytes.size()), bytes);
-    char part[3];
-    ASSERT_EQ(file.readAt(299'998, part, 3), 2);
-    EXPECT_EQ(std::string(part, 2), bytes.substr(299'998));
-  }
-  RegularFile empty(folder / "empty");
-  EXPECT_EQ(empty.readAll(0), "");
 }
 
 TEST(RegularFile, TheLimitIsKeptFromBothSidesAndNamed) {

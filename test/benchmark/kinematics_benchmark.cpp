@@ -106,7 +106,6 @@ BENCHMARK_CAPTURE(forward, straight, test::straightRing());
 BENCHMARK_CAPTURE(forward, helical, test::helicalRing());
 BENCHMARK(forwardWithResponse);
 BENCHMARK_CAPTURE(forwardOf, tapered, test::taperedArm());
-BENCHMARK_CAPTURE(forwardOf, helical_tapered, test::taperedArm(0.26));
 BENCHMARK(forwardOfPeer);
 
 // Warm inverse along a path: every target starts from the answer to the one before it, and is met

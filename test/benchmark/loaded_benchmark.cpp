@@ -11,7 +11,6 @@
 #include <benchmark/benchmark.h>
 
 #include "helix_arm/statics/exact.hpp"
-#include "helix_arm/statics/jacobian.hpp"
 #include "helix_arm/statics/loaded.hpp"
 #include "support/loaded_arm.hpp"
 
@@ -170,31 +169,7 @@ void loadedOfPeer(::benchmark::State& state, const model::Arm& arm, Posture post
   });
 }
 
-// Derivatives of tip and twists of one case. Order 0 is the exact tier.
-statics::ArmModel modelOf(const model::Arm& arm, int order) {
-  const test::LoadedCase loaded = test::loadedCases(Posture::kHorizontal)[3];
-  const statics::TierSetting setting = order > 0
-                                           ? statics::TierSetting{statics::Tier::kLoaded, order}
-                                           : statics::TierSetting{statics::Tier::kExact, 0};
-  return {arm, std::nullopt, loaded.load, setting};
-}
-
-void jacobian(::benchmark::State& state, const model::Arm& arm) {
-  const statics::ArmModel model = modelOf(arm, static_cast<int>(state.range(0)));
-  const Eigen::VectorXd q = arm.inputAt(0.4);
-  for (auto _ : state) {
-    const statics::ShapeJacobian found = statics::jacobianAt(model, q);
-    if (found.status != statics::SolveStatus::kConverged) state.SkipWithError("not solved");
-  }
-}
-
 model::Arm sceneArm() { return test::ringArm(test::helicalRing()); }
-
-BENCHMARK_CAPTURE(jacobian, one_section, sceneArm())
-    ->Arg(2)
-    ->Arg(5)
-    ->Arg(0)
-    ->Unit(::benchmark::kMicrosecond);
 
 #define HELIX_ARM_ALL_TIERS(name, arm, posture)                                  \
   BENCHMARK_CAPTURE(linear, name, arm, posture);                                 \

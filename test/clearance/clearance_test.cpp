@@ -1,9 +1,6 @@
 // Distances of an arm's body from zones, the tool and itself: against dense sampling of the
 // definitions.
 #include <cmath>
-#include <limits>
-#include <memory>
-#include <stdexcept>
 
 #include <gtest/gtest.h>
 
@@ -66,23 +63,6 @@ TEST_P(DistanceFromZone, IsThatOfDenselySampledPlaces) {
   EXPECT_GT(touching, 0);
 }
 INSTANTIATE_TEST_SUITE_P(OfEachKind, DistanceFromZone, ::testing::Range(0, 5));
-
-TEST(Clearance, CountsPlatesAndToolAsStraightLinks) {
-  test::Random random(2);
-  for (int i = 0; i < 100; ++i) {
-    auto links = std::make_shared<model::Links>();
-    for (int k = 0; k < 2; ++k) links->push_back(test::randomPose(random, 0.1));
-    const model::Shape bent = randomShape(random, 2, 1.0);
-    const model::Shape shape(bent.pieces(), 1, links);
-    KeepOut keep_out;
-    keep_out.radii = {0.02, 0.01};
-    keep_out.zones = {test::randomZone(random, 0.1, 0.6, i % 3, "post")};
-    const double expected = test::denseClearance(keep_out, shape, 4000);
-    if (expected > 0) {
-      EXPECT_NEAR(ArmClearance(keep_out).of(shape).distance, expected, 1e-4);
-    }
-  }
-}
 
 // Places on the surface of a box or cylinder, its frame.
 std::vector<Vector3d> surfaceOf(const std::variant<Box, Cylinder>& form) {
@@ -163,25 +143,6 @@ TEST(Clearance, FromItselfIsTheWidthOfABend) {
               0.2 * std::sin(0.9 * basics::kPi) - 0.04, 1e-4);
 }
 
-TEST(Clearance, FromItselfIsThePitchOfAHelix) {
-  KeepOut keep_out;
-  keep_out.radii = {0.01};
-  lie::Vector6 twist;
-  twist << 0.6, 0, 0, 3.0, 0, 12.0;
-  const double pitch = model::helixOf(twist).pitch;
-  double expected = std::numeric_limits<double>::infinity();
-  for (int i = 0; i <= 2000; ++i) {
-    for (int j = 0; j < i; ++j) {
-      if (twist[5] * (i - j) < 2000 * basics::kPi) continue;
-      expected = std::min(expected, (model::poseAt(model::Twists(twist), i / 2000.0).translation -
-                                     model::poseAt(model::Twists(twist), j / 2000.0).translation)
-                                        .norm());
-    }
-  }
-  EXPECT_LT(expected, pitch);
-  EXPECT_NEAR(ArmClearance(keep_out).of(model::Twists(twist)).distance, expected - 0.02, 1e-4);
-}
-
 // A stick along the tip's x axis, 0.2 m long.
 TEST(Clearance, OfTheToolFromTheArmCountsWhereTheArmBendsBackToIt) {
   KeepOut keep_out;
@@ -199,25 +160,6 @@ TEST(Clearance, OfTheToolFromTheArmCountsWhereTheArmBendsBackToIt) {
   EXPECT_NEAR(apart.distance, tip.cross(along).norm() - 0.01, 1e-4);
   EXPECT_EQ(clearance.nameOf(apart.zone), kOwnBody);
   EXPECT_LE(clearance.of(arc(1.9 * basics::kPi, 0.1)).distance, 0.0);
-}
-
-TEST(Clearance, OfAnArmWithoutZonesIsInfinite) {
-  KeepOut keep_out;
-  keep_out.radii = {0.02};
-  const Clearance found = ArmClearance(keep_out).of(arc(1.0, 0.1));
-  EXPECT_TRUE(std::isinf(found.distance));
-  EXPECT_EQ(found.zone, -1);
-}
-
-TEST(Clearance, RefusesSizesAndShapes) {
-  KeepOut keep_out;
-  keep_out.radii = {0.02};
-  EXPECT_THROW(ArmClearance(keep_out).of(model::Twists(model::Twists::Zero(6, 2))),
-               std::invalid_argument);
-  keep_out.zones = {{"post", Sphere{-1}, {}}};
-  EXPECT_THROW((ArmClearance(keep_out)), std::invalid_argument);
-  keep_out.zones = {{"post", Mesh{"empty.stl", {}, {}}, {}}};
-  EXPECT_THROW((ArmClearance(keep_out)), std::invalid_argument);
 }
 
 }  // namespace

@@ -2,7 +2,6 @@
 // through.
 #include "helix_arm/clearance/sweep.hpp"
 
-#include <cmath>
 #include <limits>
 
 #include <gtest/gtest.h>
@@ -105,51 +104,6 @@ TEST(Sweep, LetsThroughWhatIsClearInADenseSampleAndNothingElse) {
   EXPECT_GT(clear, blocked / 4);
   EXPECT_GT(blocked, clear / 4);
   EXPECT_EQ(needless, 0);
-}
-
-// The least clearance of a dense sample decides, on either side of it.
-TEST(Sweep, JudgesAMotionThatGrazesAZone) {
-  test::Random random(4);
-  int grazes = 0;
-  for (int i = 0; i < test::draws(20, 600); ++i) {
-    const statics::ArmModel model = armOfKind(i % 3);
-    const VectorXd from = drawInput(model.arm(), random), to = drawInput(model.arm(), random);
-    KeepOut keep_out = randomScene(model, from, random);
-    if (keep_out.zones.empty()) continue;
-    keep_out.zones.resize(1);
-    const std::vector<VectorXd> way{from, to};
-    const double least = leastOnTheWay(model, keep_out, way, 400, 300);
-    const auto endsAt = [&](const VectorXd& q) {
-      return test::denseClearance(keep_out, model.solve(q).shape, 60);
-    };
-    if (least < 0.001 || least > std::min(endsAt(from), endsAt(to)) - 0.001) continue;
-    ++grazes;
-    keep_out.clearance = least + 2e-4;
-    EXPECT_TRUE(SweepCheck(model, keep_out).sweep(way)) << i;
-    keep_out.clearance = least - 2e-4;
-    EXPECT_FALSE(SweepCheck(model, keep_out).sweep(way)) << i;
-  }
-  EXPECT_GT(grazes, 0);
-}
-
-// A zone beside the arm that both ends of a motion leave free.
-TEST(Sweep, SeesAZoneBetweenTwoClearShapes) {
-  const statics::ArmModel model = armOfKind(0);
-  const VectorXd left = model.arm().inputAt(Eigen::Vector4d(1, 0, 1, 0)),
-                 right = model.arm().inputAt(Eigen::Vector4d(0, 1, 0, 1));
-  KeepOut keep_out;
-  keep_out.radii = {0.02, 0.02};
-  Zone post{"post", Sphere{0.01}, {}};
-  post.X_WZ.translation = model.solve(model.arm().inputAt(0.5)).tip.translation;
-  keep_out.zones = {post};
-  const SweepCheck check(model, keep_out);
-  ASSERT_TRUE(check.isClear(left));
-  ASSERT_TRUE(check.isClear(right));
-  const auto found = check.sweep({left, right});
-  ASSERT_TRUE(found);
-  EXPECT_EQ(found->text().substr(0, 13), "comes within ");
-  EXPECT_LT((found->clear_tip - model.solve(left).tip.translation).norm(),
-            (found->clear_tip - model.solve(right).tip.translation).norm());
 }
 
 TEST(Sweep, AnArmThatIsTooCloseMayOnlyMoveAway) {

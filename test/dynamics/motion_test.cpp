@@ -17,7 +17,6 @@ namespace helix_arm::dynamics {
 namespace {
 
 using basics::kPi;
-using lie::SE2;
 using lie::SE3;
 
 // The rod of data/dynamics: two sections of 0.3 m, of which each has one actuator on its axis.
@@ -180,19 +179,6 @@ TEST(MotionTest, BalancesEnergyUnderPressuresAndDeadLoads) {
   }
 }
 
-TEST(MotionTest, RestsWhereItStartsAtRest) {
-  const statics::Load load = test::evenLoad(1, {0, -9.81, 0}, 0.2, 900);
-  const ArmMotion motion(test::softHelicalArm(), std::nullopt, load, MotionConfig{});
-  InputSeries series{{0.0, 1.0}, Eigen::MatrixXd::Constant(2, 3, 1e5)};
-  std::vector<Eigen::Vector3d> tips;
-  motion.follow(series, Start::kRest, {0.0, 0.5, 1.0}, [&](std::size_t, const SE3& tip) {
-    tips.push_back(tip.translation);
-    return true;
-  });
-  EXPECT_LT((tips[1] - tips[0]).norm(), 1e-7);
-  EXPECT_LT((tips[2] - tips[0]).norm(), 1e-7);
-}
-
 // Small swings about the rest follow the modes of K x = w^2 M x.
 TEST(MotionTest, SwingsWithTheFrequenciesOfTheLinearisedArm) {
   const model::Arm arm = Rod::arm();
@@ -217,24 +203,6 @@ TEST(MotionTest, SwingsWithTheFrequenciesOfTheLinearisedArm) {
   EXPECT_NEAR((motion.position() - mode).norm(), 2e-3, 2e-5);  // at the far end after half a one
 }
 
-TEST(MotionTest, MovesInAPlaneAsInSpace) {
-  const model::PlanarArm planar = test::planarArm(2);
-  const model::Arm space = model::embed(planar);
-  const statics::Load load = test::evenLoad(2, {0, -9.81, 0}, 0.1, 900);
-  InputSeries series{{0, 0.2, 0.6}, Eigen::MatrixXd::Zero(3, 4)};
-  series.input.row(2) << 2e5, 0, 0, 1e5;
-  std::vector<Eigen::Vector3d> tips[2];
-  for (int k = 0; k < 2; ++k) {
-    const auto flat = k == 0 ? std::optional(planar) : std::nullopt;
-    const ArmMotion motion(space, flat, load, MotionConfig{});
-    motion.follow(series, Start::kRest, every(0.02, 0.6), [&](std::size_t, const SE3& tip) {
-      tips[k].push_back(tip.translation);
-      return true;
-    });
-  }
-  EXPECT_LT(rms(tips[0], tips[1]), 1e-7);
-}
-
 TEST(MotionTest, StepsWithoutTheHeap) {
   const model::Arm arm = test::softHelicalArm();
   MotionConfig config;
@@ -246,33 +214,6 @@ TEST(MotionTest, StepsWithoutTheHeap) {
   const test::AllocationCounter counter;
   for (int i = 0; i < 100; ++i) motion.step(0.0025, twists);
   EXPECT_EQ(counter.count(), 0u);
-}
-
-TEST(MotionTest, NamesWhatIsWrong) {
-  const auto messageOf = [](const auto& call) -> std::string {
-    try {
-      call();
-    } catch (const std::invalid_argument& error) {
-      return error.what();
-    }
-    return "";
-  };
-  const auto has = [](const std::string& text, const char* part) {
-    return text.find(part) != std::string::npos;
-  };
-  const auto without = [] { ArmMotion(Rod::arm(), std::nullopt, std::nullopt, MotionConfig{}); };
-  EXPECT_PRED2(has, messageOf(without), "motion needs load.mass_kg");
-  const auto thin = [] { ArmMotion(Rod::arm(), std::nullopt, Rod::load(kAcross), MotionConfig{}); };
-  EXPECT_PRED2(has, messageOf(thin), "dynamics.inertia_radius_m");
-  const ArmMotion motion(Rod::arm(), std::nullopt, Rod::load(kAcross), Rod::config(0.005));
-  InputSeries series{{0.0, 1.0, 1.0}, Eigen::MatrixXd::Zero(3, 2)};
-  const auto follow = [&] {
-    motion.follow(series, Start::kRest, {0.0}, [](std::size_t, const SE3&) { return true; });
-  };
-  EXPECT_PRED2(has, messageOf(follow), "row 3");
-  series.time[2] = 2.0;
-  series.input(1, 1) = 2e5;
-  EXPECT_PRED2(has, messageOf(follow), "row 2 of the inputs has 200 kPa");
 }
 
 }  // namespace

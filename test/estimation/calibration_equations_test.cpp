@@ -49,31 +49,5 @@ TEST(CalibrationEquations, EliminationGivesWhatTheWholeMatrixDoes) {
   }
 }
 
-// One stiffness that the arm's captures do not change: it hangs on its prior alone.
-struct Bench {
-  std::vector<ArmCaptures> data;
-  CalibrationOptions options;
-
-  explicit Bench(double prior) {
-    const model::Arm arm = test::ringArm(test::straightRing());
-    data.push_back({"arm", arm, false, {}, {}, {}, {}});
-    // As long as at rest, so that no stiffness bends or shears anything.
-    for (int c = 0; c < 3; ++c) {
-      const Eigen::VectorXd pressure = arm.inputAt(0.2 * c);
-      test::addCapture(data[0], pressure,
-                       TwistReading{arm.twists(pressure), 1e-6 * lie::Matrix6::Identity()});
-    }
-    options.stiffness_prior = prior;
-    options.fit = {FitParameter::kKappa};
-  }
-};
-
-TEST(CalibrationStatistics, TheCovarianceIsThePriorWhereReadingsTellNothing) {
-  Bench bench(0.5);
-  CalibrationProblem problem(bench.data, bench.options);
-  const Statistics found = statisticsOf(problem, 1.0);
-  EXPECT_NEAR(found.covariance(0, 0), 0.25, 1e-6);
-}
-
 }  // namespace
 }  // namespace helix_arm::estimation

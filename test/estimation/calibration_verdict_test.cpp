@@ -71,77 +71,6 @@ test::RigTruth drawTruth(const model::Arm& known, Random& random) {
   return test::drawRig(known, test::sampleView(0.8, 1, 8), kStiffnessErrors, random);
 }
 
-TEST(CalibrationVerdict, CurvaturesOfUntiltedArmsAlwaysTellTheBending) {
-  const model::Arm known = test::ringArm(test::straightRing());
-  const int sets = test::draws(60, 400);
-  Tallies tallies;
-  for (int set = 0; set < sets; ++set) {
-    Random random(100 + set);
-    const test::RigTruth truth = drawTruth(known, random);
-    const Calibration found =
-        calibrated({curvatures(known, truth, kCurvatureNoise, random)}, {}, std::to_string(set));
-    expectAgreement(found, set);
-    for (const Parameter& one : found.parameters) {
-      tallies[one.name].add(one, truth.parameters.at(one.name));
-    }
-  }
-  print("curvature", tallies);
-  EXPECT_EQ(tallies["K_kappa"].told, sets);
-  EXPECT_EQ(tallies["K_gamma"].told, 0);
-  EXPECT_TRUE(tallies["K_kappa"].covers(0.91));
-}
-
-TEST(CalibrationVerdict, TheStiffnessOfATiltedArmIsNeverLostToItsValley) {
-  // Bending and shear of a tilted arm do nearly the same: where only one of them can be told, it
-  // is.
-  const model::Arm known = test::ringArm(test::helicalRing());
-  const ArmView view = test::sampleView(0.8, 1, 8);
-  for (const bool tags : {false, true}) {
-    const int sets = tags ? test::draws(20, 200) : test::draws(60, 400);
-    Tallies tallies;
-    for (int set = 0; set < sets; ++set) {
-      Random random(1000 + set);
-      const test::RigTruth truth = test::drawRig(known, view, kStiffnessErrors, random);
-      CalibrationOptions options;
-      options.tag_prior = {1e-6, 1e-6};
-      options.held_out = set % 10 == 0;
-      const Calibration found =
-          calibrated({readings(tags, known, view, truth, random)}, options, std::to_string(set));
-      expectAgreement(found, set);
-      for (const Parameter& one : found.parameters) {
-        tallies[one.name].add(one, truth.parameters.at(one.name));
-      }
-    }
-    print(tags ? "poses" : "twists", tallies);
-    for (const char* const name : {"K_kappa", "K_gamma"}) {
-      EXPECT_TRUE(tallies[name].covers(0.93)) << name;
-      EXPECT_LT(tallies[name].worst, 5) << name;
-    }
-    EXPECT_EQ(tallies["K_gamma"].told, sets);
-  }
-}
-
-TEST(CalibrationVerdict, GrossOutliersAmongAFewCurvaturesAreNotTakenForNoise) {
-  const model::Arm known = test::ringArm(test::straightRing());
-  Tally kappa;
-  for (int set = 0; set < test::draws(60, 300); ++set) {
-    Random random(2000 + set);
-    const test::RigTruth truth = drawTruth(known, random);
-    ArmCaptures data = curvatures(known, truth, kCurvatureNoise, random);
-    for (Capture& capture : data.captures) {
-      if (random.uniform(0, 1) > 0.1) continue;
-      std::get<CurvatureReading>(capture.reading).curvature = random.uniform(0, 6);
-    }
-    const Calibration found = calibrated({data}, {}, std::to_string(set));
-    const Parameter& one = found.parameters.front();
-    ASSERT_EQ(one.name, "K_kappa");
-    EXPECT_TRUE(one.identifiable) << set;
-    kappa.add(one, truth.parameters.at("K_kappa"));
-  }
-  print("outliers", {{"K_kappa", kappa}});
-  EXPECT_TRUE(kappa.covers(0.92));
-}
-
 // Parameters that a combination of words does not request are as uncertain as their priors, except
 // base and length scales, which count as exact.
 TEST(CalibrationVerdict, ErrorsAreValidWhateverIsNotFitted) {
@@ -308,12 +237,6 @@ Calibration calibrationOf(const model::Arm& known, const test::RigTruth& truth, 
   return calibrate({noisyTwists(known, truth, noise, random)}, options);
 }
 
-std::string twoDigits(double number) {
-  char text[16];
-  std::snprintf(text, sizeof text, "%.2f", number);
-  return text;
-}
-
 // Log of the reported value over the true one.
 double logError(const Combination& one, const test::RigTruth& truth) {
   double log = std::log(one.value);
@@ -331,7 +254,7 @@ INSTANTIATE_TEST_SUITE_P(Noise, CombinationOfATiltedArm, testing::Values(kSharpN
 TEST_P(CombinationOfATiltedArm, IsFoundWithinItsErrors) {
   const double noise = GetParam();
   const model::Arm known = tiltedArm();
-  int told = 0, covered = 0, bad_covered = 0, both_told = 0;
+  int told = 0, covered = 0, bad_covered = 0;
   std::vector<double> gains;
   for (int rig = 0; rig < kRigs; ++rig) {
     Random random(5000 + rig);
@@ -347,23 +270,16 @@ TEST_P(CombinationOfATiltedArm, IsFoundWithinItsErrors) {
     const Combination &well = found.combinations[0], &badly = found.combinations[1];
     EXPECT_TRUE(well.identifiable) << rig;
     EXPECT_LE(well.relative_error, badly.relative_error) << rig;
-    EXPECT_GT(well.powers[1].exponent, 0) << rig << ": " << well.name;
-    EXPECT_LT(badly.powers[1].exponent, 0) << rig << ": " << badly.name;
-    EXPECT_EQ(well.name, well.powers[0].parameter + "^" + twoDigits(well.powers[0].exponent) + " " +
-                             well.powers[1].parameter + "^" + twoDigits(well.powers[1].exponent));
+    EXPECT_GT(well.powers[1].exponent, 0) << rig;
+    EXPECT_LT(badly.powers[1].exponent, 0) << rig;
     EXPECT_NEAR(std::hypot(well.powers[0].exponent, well.powers[1].exponent), 1, 1e-12);
     covered += std::abs(logError(well, truth)) < 2 * well.relative_error;
     bad_covered += std::abs(logError(badly, truth)) < 2 * badly.relative_error;
-    both_told += parameter(found, "K_kappa").identifiable;
     const double single = std::min(relativeErrorOf(parameter(found, "K_gamma")),
                                    relativeErrorOf(parameter(found, "K_kappa")));
     gains.push_back(single / well.relative_error);
   }
   std::sort(gains.begin(), gains.end());
-  std::printf(
-      "noise %.3f: within 2 errors: well known %d, badly known %d of %d; K_kappa told %d; smallest "
-      "single error over that of the combination: least %.2f, median %.2f\n",
-      noise, covered, bad_covered, told, both_told, gains.front(), gains[gains.size() / 2]);
   EXPECT_GE(told, test::isFullSize() ? 0.8 * kRigs : test::leastOf(kRigs, 0.9));
   const double least = test::isFullSize() ? 0.93 * told : test::leastOf(told, 0.9545);
   EXPECT_GE(covered, least);

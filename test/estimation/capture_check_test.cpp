@@ -63,19 +63,6 @@ TEST_F(CaptureCheckTest, OfAThousandSoundSetsNoneHasACaptureApart) {
   std::printf("sound captures named: %d of %d\n", wrong, 1000 * kCaptures);
 }
 
-TEST(CaptureCheck, NamesTheCaptureThatNoShapeExplains) {
-  std::vector<std::optional<CaptureScatter>> captures;
-  for (const double rms : {0.007, 0.012, 0.016, 0.023, 0.009, 0.014}) {
-    captures.push_back(CaptureScatter{rms, 15, 21});
-  }
-  captures.push_back(std::nullopt);
-  captures.push_back(CaptureScatter{0.054, 15, 21});
-  const CaptureCheck check = checkCaptures(captures);
-  EXPECT_EQ(check.apart,
-            (std::vector<bool>{false, false, false, false, false, false, false, true}));
-  EXPECT_DOUBLE_EQ(check.usual.value(), 0.014);
-}
-
 TEST(CaptureCheck, AMinorityDoesNotHideItself) {
   std::vector<std::optional<CaptureScatter>> captures(6, CaptureScatter{0.01, 15, 21});
   for (int i = 0; i < 5; ++i) captures.push_back(CaptureScatter{0.05, 15, 21});

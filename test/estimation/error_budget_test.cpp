@@ -3,9 +3,7 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <string>
-#include <vector>
 
 #include <gtest/gtest.h>
 
@@ -26,7 +24,6 @@ using test::Random;
 constexpr double kPressureNoise = 300.0;  // [Pa]
 constexpr double kDegree = test::kPi / 180;
 
-ArmModel twoSections() { return ArmModel(test::ringArm(test::helicalRing(), 2)); }
 // Deviations so small that the tip is linear in them, and an arm that is always at rest.
 ArmFilterOptions smallDeviations() {
   ArmFilterOptions out;
@@ -121,7 +118,6 @@ std::string nameOfCase(const ::testing::TestParamInfo<ArmCase>& info) { return i
 class ErrorBudgetOf : public ::testing::TestWithParam<ArmCase> {};
 INSTANTIATE_TEST_SUITE_P(Arms, ErrorBudgetOf,
                          ::testing::Values(ArmCase{"Helical", helicalModel},
-                                           ArmCase{"TwoSections", twoSections},
                                            ArmCase{"Loaded", loadedModel}),
                          nameOfCase);
 
@@ -132,20 +128,8 @@ TEST_P(ErrorBudgetOf, ThePartsAddUpToThePrediction) {
       watched.part(BudgetPart::kCalibration) + watched.part(BudgetPart::kUnexplained) +
       watched.part(BudgetPart::kPressure) + watched.part(BudgetPart::kPlacement);
   EXPECT_LT((budget.predicted.covariance - sum).norm(), 1e-12 * sum.norm());
-  EXPECT_GT(leastEigenvalue(sum), 0);
-  EXPECT_GT(leastEigenvalue(watched.part(BudgetPart::kCalibration) +
-                            watched.part(BudgetPart::kUnexplained)),
-            0);
-  for (const BudgetPart part : {BudgetPart::kCalibration, BudgetPart::kPressure,
-                                BudgetPart::kPlacement, BudgetPart::kCamera}) {
-    EXPECT_GT(leastEigenvalue(watched.part(part)), -1e-12 * sum.norm()) << nameOf(part);
-  }
   // What was learnt takes uncertainty away.
   EXPECT_GT(leastEigenvalue(budget.open_loop.covariance - budget.predicted.covariance), 0);
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(sum);
-  EXPECT_NEAR(budget.predicted.deviation(), std::sqrt(axes.eigenvalues()[2]), 1e-12);
-  EXPECT_EQ(budget.time, watched.picture.time);
-  EXPECT_EQ(budget.limit, 16.27);
 }
 
 TEST_P(ErrorBudgetOf, ThePartsAreTheSpreadsOfTipsForTheErrorsThatTheyStandFor) {
@@ -186,33 +170,6 @@ TEST_P(ErrorBudgetOf, ThePartsAreTheSpreadsOfTipsForTheErrorsThatTheyStandFor) {
                      watched.part(BudgetPart::kCamera), 0.15);
 }
 
-TEST_P(ErrorBudgetOf, PlacementsCountForTheTagsThatFaceTheCameraOrAreNamed) {
-  Watched watched(GetParam().model());
-  const PlacedView placed = viewOf(watched.model.arm().sectionCount());
-  const model::Shape shape = *watched.filter.shape(watched.picture.pressure);
-  std::vector<int> tags;
-  for (const TagImage& one : visibleTags(placed.view, shape)) tags.push_back(one.tag);
-  const auto expected = placementCovariance(placed, watched.model.arm(), shape, tags);
-  EXPECT_EQ(watched.part(BudgetPart::kPlacement), tipCovariance(shape, *expected));
-  const std::vector<int> few = {tags[0], tags[1], tags[2]};
-  const auto of_few = placementCovariance(placed, watched.model.arm(), shape, few);
-  ASSERT_TRUE(watched.budget.update(watched.filter, watched.picture, few));
-  EXPECT_EQ(watched.part(BudgetPart::kPlacement), tipCovariance(shape, *of_few));
-}
-
-TEST(ErrorBudget, WithoutAViewPlacementsCountAsExact) {
-  const Watched watched(helicalModel());
-  ErrorBudget budget(watched.model, smallDeviations());
-  EXPECT_FALSE(budget.current());
-  ASSERT_TRUE(budget.update(watched.filter, watched.picture));
-  EXPECT_TRUE(budget.current()->part(BudgetPart::kPlacement).covariance.isZero(0));
-  EXPECT_EQ(budget.current()->part(BudgetPart::kPlacement).deviation(), 0.0);
-  EXPECT_EQ(budget.current()->part(BudgetPart::kCalibration).covariance,
-            watched.part(BudgetPart::kCalibration));
-  budget.reset();
-  EXPECT_FALSE(budget.current());
-}
-
 // A measurement whose distance2 is this share of the limit.
 ArmFilter::Input pictureAt(const ArmModel& model, const ArmFilter& filter, ErrorBudget& scratch,
                            double share, double time) {
@@ -250,26 +207,6 @@ TEST(ErrorBudget, ChangesItsStateAfterFivePicturesInARow) {
   EXPECT_EQ(after(outside, 4), BudgetState::kInside);
   budget.reset();
   EXPECT_EQ(after(outside, 4), BudgetState::kInside);
-}
-
-TEST(ErrorBudget, OfAPlanarArmKnowsNoErrorAcrossThePlane) {
-  const ArmModel model(model::embed(test::planarArm()), test::planarArm());
-  ArmFilterOptions options;
-  options.planar = true;
-  const ArmFilter fresh(model, options);
-  ErrorBudget budget(model, options);
-  const Eigen::VectorXd pressure = model.arm().inputAt(Eigen::Vector2d(0.2, 0.7));
-  model::Twists measured = model.solve(pressure).shape.twists();
-  measured(5, 0) += 0.02;
-  auto picture = pictureOf(pressure, measured, 0);
-  for (const int row : {2, 3, 4}) picture.covariance(row, row) = 0;
-  ASSERT_TRUE(budget.update(fresh, picture));
-  const TipErrorBudget& out = *budget.current();
-  EXPECT_EQ(out.limit, 13.82);
-  const Eigen::Matrix2d plane =
-      (out.open_loop.covariance + out.part(BudgetPart::kCamera).covariance).topLeftCorner<2, 2>();
-  const Eigen::Vector2d error = out.error.head<2>();
-  EXPECT_NEAR(out.distance2, error.dot(plane.inverse() * error), 1e-9 * out.distance2);
 }
 
 // Ten pictures of a true arm at rest, at pressures that are not quite the readings. Of truths as
@@ -319,10 +256,6 @@ TEST(ErrorBudget, IsOutsideAsRarelyAsChiSquareSaysAndWhereLengthsAreOffByTenStan
     off.length_scale.setConstant(0.99);
     shorter += seen(off, random).state == BudgetState::kOutside;
   }
-  std::printf(
-      "[  FIGURE  ] of %d: mean %.2f of 3, %d above the median, %d above the 95 %% point, %d "
-      "outside; lengths 1 %% longer %d, shorter %d outside\n",
-      runs, sum / runs, above_median, above_95, outside, longer, shorter);
   EXPECT_LE(outside, 2);  // of 200, 0.2 are expected
   // The mean of so many has a deviation of sqrt(6 / runs); others are that of a count.
   const double wider = std::sqrt(200.0 / runs);

@@ -7,7 +7,6 @@
 
 #include <gtest/gtest.h>
 
-#include "basics/pi.hpp"
 #include "helix_arm/statics/loaded.hpp"
 #include "support/loaded_arm.hpp"
 
@@ -228,25 +227,6 @@ TEST(OnsetHypotheses, AForceDuringMotionScoresLessByItsSquare) {
   EXPECT_LT(still / 16, OnsetOptions().limit);
 }
 
-TEST(OnsetHypotheses, WhereContactsAreIgnoredTheirScoreIsKept) {
-  Bench bench(2);
-  bench.onsets.ignoreContacts(true);
-  bench.run(16.0);
-  const QuietScore rest = bench.onsets.quiet();
-  EXPECT_NEAR(rest.seconds, 6.0, 0.2) << "the first ten seconds do not count";
-  EXPECT_LT(rest.highest, OnsetOptions().limit);
-  bench.motion = 0.5;
-  bench.force = {0, 0.8, 0};
-  EXPECT_EQ(bench.delay(0.6), INFINITY);
-  EXPECT_GT(bench.onsets.quiet().highest, OnsetOptions().limit);
-  EXPECT_EQ(bench.onsets.quiet().seconds, rest.seconds) << "it is not at rest";
-  bench.onsets.ignoreContacts(false);
-  EXPECT_LT(bench.delay(0.1), 0.1);
-  EXPECT_GT(bench.onsets.quiet().highest, 0) << "what was found is kept";
-  bench.onsets.ignoreContacts(true);
-  EXPECT_EQ(bench.onsets.quiet().highest, 0);
-}
-
 TEST(OnsetHypotheses, SmallChangesThatPlayKeepsFromArrivingAreNoForce) {
   Bench bench(2);
   bench.moveUntilArmed();
@@ -257,19 +237,6 @@ TEST(OnsetHypotheses, SmallChangesThatPlayKeepsFromArrivingAreNoForce) {
     bench.see();
     ASSERT_FALSE(loadOf(bench).contact) << bench.lost[0] << " Pa";
   }
-}
-
-// The watch gets its state from the filter of the force: the force is no bias of the arm.
-TEST(OnsetHypotheses, TheWatchDoesNotTakeTheForceForADifferenceOfTheArm) {
-  Bench bench(6);
-  bench.moveUntilArmed();
-  const Eigen::VectorXd twists = bench.watch.shape(bench.pressure)->twists().reshaped();
-  bench.force = {0, 0.5, 0.3};
-  const Eigen::VectorXd pulled = bench.trueTwists().reshaped();
-  ASSERT_TRUE(std::isfinite(bench.delay(1)));
-  bench.run(3);
-  const Eigen::VectorXd after = bench.watch.shape(bench.pressure)->twists().reshaped();
-  EXPECT_LT((after - twists).norm(), 0.3 * (pulled - twists).norm());
 }
 
 TEST(OnsetHypotheses, AForceThatIsGoneIsNoContactAfterHalfASecond) {
@@ -294,34 +261,6 @@ TEST(OnsetHypotheses, AForceThatIsGoneIsNoContactAfterHalfASecond) {
   ASSERT_FALSE(loadOf(bench).contact);
   bench.force = {0, -0.5, 0};
   EXPECT_LT(bench.delay(1), 0.5);
-}
-
-TEST(OnsetHypotheses, AForceThatChangesIsFollowed) {
-  Bench bench(8);
-  bench.moveUntilArmed();
-  bench.touch({0, 0.4, 0});
-  bench.run(1.5);
-  bench.force = {0, -0.6, 0.5};
-  bench.run(1.5);
-  ASSERT_TRUE(loadOf(bench).contact);
-  for (const int axis : kLateral) {
-    EXPECT_NEAR(loadOf(bench).force[axis], bench.force[axis], 0.15) << axis;
-  }
-}
-
-TEST(OnsetHypotheses, AnOutlierIsNoForce) {
-  Bench bench(9);
-  bench.moveUntilArmed();
-  bench.touch({0, 0.4, 0});
-  bench.run(1.5);
-  const Eigen::Vector3d before = loadOf(bench).force;
-  for (int k = 0; k < 2; ++k) {
-    bench.force = {0, -5, 0};
-    bench.see();
-  }
-  bench.force = {0, 0.4, 0};
-  bench.see();
-  EXPECT_LT((loadOf(bench).force - before).norm(), 0.1);
 }
 
 // Other tags err by other placements: a jump of that size is no contact, if its covariance is told.

@@ -95,10 +95,7 @@ TEST_P(FoundMode, IsThatOfTheArm) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Arms, FoundMode,
-                         testing::Values(TrueArm{0.0, Mode{1.5, 0.05}},
-                                         TrueArm{0.1, Mode{1.5, 0.05}},
-                                         TrueArm{0.3, Mode{1.5, 0.1}}, TrueArm{0.1, Mode{0.9, 0.1}},
-                                         TrueArm{0.1, Mode{3.0, 0.1}},
+                         testing::Values(TrueArm{0.3, Mode{1.5, 0.1}}, TrueArm{0.1, Mode{0.9, 0.1}},
                                          TrueArm{0.05, Mode{4.5, 0.05}}));
 
 TEST(ResponseEstimator, KnowsLagAndPlayAfterAMinute) {
@@ -143,20 +140,6 @@ TEST(ResponseEstimator, AnArmThatOnlyLagsHasNoMode) {
 
 TEST(ResponseEstimator, APauseStartsAtRestAndKeepsTheMode) {
   EXPECT_NEAR(after(30, {0.1, Mode{2.0, 0.1}}, false, 5.0).mode().value().frequency, 2.0, 0.1);
-}
-
-TEST(ResponseEstimator, NothingIsSaidOfAnArmThatRests) {
-  const model::Arm arm = helicalModel().arm();
-  ResponseEstimator estimator(arm, false, std::nullopt);
-  const Eigen::VectorXd pressure = arm.inputAt(5e4);
-  test::Random random(1);
-  for (int i = 0; i < 300; ++i) {
-    estimator.moveTo(i / 30.0, [&](double) -> const Eigen::VectorXd& { return pressure; });
-    estimator.compare(kNoise * random.direction<6>(),
-                      Eigen::MatrixXd::Ones(6, arm.actuatorCount()));
-  }
-  EXPECT_FALSE(estimator.mode());
-  EXPECT_EQ(estimator.lag().value, 0);
 }
 
 }  // namespace

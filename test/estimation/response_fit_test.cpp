@@ -111,15 +111,6 @@ TEST(ResponseFit, LagAndPlayAreWithinTwoStandardErrorsAndAbsentOnesAreNotFound) 
   }
 }
 
-TEST(ResponseFit, AtRestTheLagIsNotDetermined) {
-  Series series = levels(withPlay({}, 3e4, 0.6), 1);
-  series.history.time.clear();
-  const ResponseFit fit = fitResponse(series.history, series.shortening);
-  EXPECT_EQ(fit.lag, ResponseVerdict::kNotDetermined);
-  EXPECT_TRUE(test::has(fit.lag_reason, "nothing was recorded in motion"));
-  EXPECT_EQ(fit.play, ResponseVerdict::kFound);
-}
-
 TEST(ResponseFit, InflationAloneDoesNotDetermineThePlay) {
   Random random(5);
   Series series{{Eigen::MatrixXd(60, 1), {}, {}}, Eigen::MatrixXd(60, 1)};
@@ -137,28 +128,6 @@ TEST(ResponseFit, InflationAloneDoesNotDetermineThePlay) {
   EXPECT_EQ(fit.play, ResponseVerdict::kNotDetermined);
   EXPECT_TRUE(test::has(fit.play_reason, "do not turn back"));
   EXPECT_EQ(fit.response.play_count, 0);
-}
-
-TEST(ResponseFit, PositionsOfAStronglyBentArmGiveLagAndPlay) {
-  const Response truth = withPlay(lagOf(0.5, 1.0), 3e4, 0.6);
-  Series series = levels(truth, 3, 1200);
-  Random random(4);
-  model::ResponseState state(truth);
-  Eigen::MatrixXd position(series.history.rows(), 2);
-  for (Eigen::Index row = 0; row < position.rows(); ++row) {
-    state.step(series.history.input(row, 0), row == 0 ? 0 : kStep);
-    const double angle = 2 * state.effective() / kMost;  // [rad]
-    position.row(row) << 0.4 * std::cos(angle) + kNoise * random.normal(),
-        0.4 * std::sin(angle) + kNoise * random.normal();
-  }
-  const ResponseFit fit = fitResponseToPositions(series.history, position);
-  ASSERT_TRUE(fit.fitted()) << fit.failure;
-  // A parabola leaves several millimetres.
-  EXPECT_LT(fit.rms, 2 * kNoise);
-  EXPECT_NEAR(fit.rise_time.value, 0.5, 0.03);
-  EXPECT_NEAR(fit.fall_time.value, 1.0, 0.06);
-  EXPECT_EQ(fit.play, ResponseVerdict::kFound);
-  EXPECT_NEAR(fit.response.halfWidth(), truth.halfWidth(), 2e3);
 }
 
 // Steps of pressure of a two-section arm of six chambers (ASU-RISE-Lab, MIT licence). Static, the
@@ -251,8 +220,6 @@ TEST(ModeFit, FrequencyAndDampingOfReleasesWithCreepAreWithinTheirErrors) {
     EXPECT_NEAR(off_damping, 0, 0.08 * std::sqrt(12.0 / seeds))
         << one.frequency << " Hz " << one.damping;
   }
-  std::printf("[  FIGURE  ] frequency right in %d, damping in %d of %d\n", frequencies, dampings,
-              all);
   // 95 % of 96 are 91; 84 is 3.4 standard deviations of a count less.
   const int least = test::isFullSize() ? 84 : test::leastOf(all, 0.95);
   EXPECT_GE(frequencies, least);
@@ -268,26 +235,6 @@ TEST(ModeFit, AnOverdampedArmDoesNotRing) {
           << damping << " " << noise;
     }
   }
-}
-
-TEST(ModeFit, EveryStepOfThePressureIsARelease) {
-  Eigen::MatrixXd first, second, position(1080, 3);
-  const Release release{3, 0.1, 2e-4, 60};
-  const model::InputHistory one = addRelease(release, 1, first);
-  addRelease(release, 2, second);
-  position << first, second.rowwise() + (first.row(539) - second.row(0)).eval();
-  model::InputHistory history{Eigen::MatrixXd(1080, 1), {}, std::vector<bool>(1080, false)};
-  history.starts_anew[0] = true;
-  for (int row = 0; row < 1080; ++row) {
-    history.time.push_back(row / 60.0);
-    history.input(row, 0) = row < 60 ? 9e4 : row < 600 ? 4e4 : 0;  // [Pa]
-  }
-  const ModeFit fit = fitMode(history, position);
-  ASSERT_EQ(fit.rings.size(), 2u) << fit.failure;
-  EXPECT_NEAR(fit.rings[0].begin, 1.08, 0.1);
-  EXPECT_NEAR(fit.rings[1].begin, 10.08, 0.1);
-  for (const RingDown& ring : fit.rings) EXPECT_NEAR(ring.frequency.value, 3, 0.03);
-  EXPECT_LT(fit.frequency.standard_error, 0.015);
 }
 
 TEST(ModeFit, ASiliconeSegmentRings) {

@@ -2,7 +2,6 @@
 
 #include <gtest/gtest.h>
 
-#include "support/has.hpp"
 #include "support/sample_view.hpp"
 
 namespace helix_arm::estimation {
@@ -103,19 +102,6 @@ TEST(RigMemory, GoesNoFartherThanPlacementsLeaveReasonFor) {
   EXPECT_LT((errors - 0.5 * prior).norm(), 0.01 * prior.norm());
 }
 
-TEST(RigMemory, FollowsACameraThatWasPushedOnceTheArmMoves) {
-  Bench bench;
-  bench.learnAll();
-  bench.rig.head<3>() += Eigen::Vector3d(0.001, 0.001, -0.001);
-  ASSERT_GT(bench.error(), 0.4);
-  const model::Shape shape = bench.anyShape();
-  for (int k = 0; k < 100; ++k) bench.learn(shape);
-  EXPECT_GT(bench.error(), 0.4) << "at rest nothing changes";
-  for (int k = 0; k < 1000; ++k) bench.learn(bench.anyShape());
-  EXPECT_TRUE(bench.memory.isHeld());
-  EXPECT_LT(bench.error(), 0.1);
-}
-
 TEST(RigMemory, BeginsAnewWherePicturesAreNotExplained) {
   Bench bench;
   bench.learnAll();
@@ -143,8 +129,6 @@ TEST(BaseWatch, NamesABaseThatIsFartherThanThePriorAllows) {
   ASSERT_TRUE(watch.move());
   EXPECT_LT((watch.move()->xi - bench.rig.head<6>()).head<3>().norm(), 0.002);
   EXPECT_GT(watch.move()->deviations, 5);
-  EXPECT_TRUE(test::has(watch.move()->message(), "the camera or the arm's base is 2"))
-      << watch.move()->message();
   bench.rig.head<3>() -= Eigen::Vector3d(0.012, -0.012, 0.010);
   bench.show(watch);
   EXPECT_FALSE(watch.move()) << "moved back";
@@ -158,17 +142,6 @@ TEST(BaseWatch, ErrorsByPlacementsExcuseAsMuchAsTheyMayCause) {
     bench.rig.head<3>() = Eigen::Vector3d(0.012, -0.012, 0.010);
     bench.show(watch);
     EXPECT_EQ(watch.move().has_value(), factor == 0) << factor;
-  }
-}
-
-TEST(BaseWatch, AMoveSinceEarlierPicturesIsNamedSooner) {
-  for (const int seconds : {1, 5}) {
-    Bench bench;
-    BaseWatch watch = bench.watch(9.0 * RigEstimate(freeRig()).covariance);
-    for (int k = 0; k < seconds; ++k) bench.show(watch);
-    bench.rig.head<3>() += Eigen::Vector3d(0.014, -0.014, 0.012);
-    bench.show(watch);
-    EXPECT_EQ(watch.move().value_or(BaseMove()).since_before, seconds > 3);
   }
 }
 

@@ -5,7 +5,6 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <optional>
 #include <string>
 
 #include <gtest/gtest.h>
@@ -40,13 +39,10 @@ struct Truth {
   Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();  // of the base, seen from the frame F
   Eigen::Vector3d place{0.1, -0.2, 0.3};               // [m]
   Eigen::Vector3d stroke{1, 1, 1};                     // factors on those of the chambers
-  double growth = 0;  // of the stiffness against bending, for the most pressure in all chambers
-  double others = 0;  // likewise, for the most pressure in all chambers but one
-  double phase = 0;   // of the ring about the axis of the base [rad]
-  Eigen::Vector3d own_phase{0, 0, 0};  // of each chamber, beside its even place [rad]
-  bool oriented = false;               // the series has orientations
+  double others = 0;      // of the stiffness against bending, for the most pressure in all but one
+  double phase = 0;       // of the ring about the axis of the base [rad]
+  bool oriented = false;  // the series has orientations
   Eigen::Matrix3d body = Eigen::Matrix3d::Identity();  // of what has them, seen from the tip
-  std::optional<Eigen::Vector2d> beam = {};  // its slopes in y and z of the tip: x, y are a dot's
 };
 
 Eigen::Vector3d normals(Random& random) {
@@ -70,14 +66,14 @@ lie::SE3 trueTip(const Eigen::Vector3d& effective, const Truth& truth) {
   for (int i = 0; i < 3; ++i) {
     others += effective[i] * (effective.sum() - effective[i]) / 2 / std::max(effective.sum(), 1.0);
   }
-  const double stiffer = 1 + (truth.growth * effective.mean() + truth.others * others) / kMost;
+  const double stiffer = 1 + truth.others * others / kMost;
   // Length of the axis and bends of least energy of three springs and a beam.
   Eigen::Matrix3d stiffness = Eigen::Vector3d(0, 1, 1).asDiagonal() * kBeam;
   Eigen::Vector3d force = Eigen::Vector3d::Zero();
   for (int i = 0; i < 3; ++i) {
     const double rest = trueLength(0),
                  one = rest + truth.stroke[i] * (trueLength(effective[i]) - rest);
-    const double angle = angleOf(i) + truth.own_phase[i];
+    const double angle = angleOf(i);
     const Eigen::Vector3d arm(1, kRadius * std::cos(angle), kRadius * std::sin(angle));
     stiffness += arm * arm.transpose();
     force += arm * one;
@@ -127,12 +123,6 @@ TipSeries seriesOf(const Truth& truth, int seed) {
       const lie::SE3 tip = trueTip(effective, truth);
       out.position.row(row) = truth.turn * turn * tip.translation + truth.place +
                               truth.offset * offset + truth.correlated * error + kNoise * noise;
-      if (truth.beam) {
-        const Eigen::Vector3d along = truth.turn * turn * tip.rotation *
-                                      Eigen::Vector3d(1, (*truth.beam)[0], (*truth.beam)[1]);
-        const Eigen::Vector3d from = truth.turn * turn * tip.translation + truth.place;
-        out.position.row(row) = from - from.z() / along.z() * along + kNoise * noise;
-      }
       if (!truth.oriented) continue;
       out.rotation.push_back(truth.turn * turn * tip.rotation * turn.transpose() * truth.body *
                              about(noise.normalized(), kTurnNoise * noise.norm()));
@@ -142,8 +132,9 @@ TipSeries seriesOf(const Truth& truth, int seed) {
 }
 
 // What a user guesses: another curve, radius and stiffness, and a base whose axes are those of F.
-SeriesPrior guess(const std::vector<double>& lengths = {0.19, 0.2, 0.22}, double radius = 0.025) {
-  const auto curve = model::Contraction::table({0, kMost / 2, kMost}, lengths);
+SeriesPrior guess() {
+  constexpr double radius = 0.025;
+  const auto curve = model::Contraction::table({0, kMost / 2, kMost}, {0.19, 0.2, 0.22});
   model::Section section;
   for (int i = 0; i < 3; ++i) {
     const Eigen::Vector3d place{0, radius * std::cos(angleOf(i)), radius * std::sin(angleOf(i))};
@@ -231,17 +222,6 @@ double stiffening(const SeriesFit& fit) {
   return (share + least * fit.bending->factor.back()) / (share + least);
 }
 
-TEST(SeriesFit, FindsABendThatStiffensWithTheMeanPressure) {
-  Truth truth;
-  truth.growth = 0.8;
-  const SeriesFit fit = fitSeries(guess(), seriesOf(truth, 8), everything(false));
-  ASSERT_EQ(fit.failure, "");
-  EXPECT_TRUE(keeps(fit, "K_kappa against pressure"));
-  EXPECT_LT(fit.rms_about_offset, 1.1 * std::sqrt(3) * kNoise);
-  ASSERT_TRUE(fit.bending);
-  EXPECT_NEAR(stiffening(fit), 1 + truth.growth, std::sqrt(400.0 / kRows) * 0.05);
-}
-
 // With a base that is known, or with orientations of the tip itself, which alone tell a turn of the
 // ring from one of the base. Bend alone does not tell a radius.
 TEST(SeriesFit, FindsThePhaseOfARing) {
@@ -268,24 +248,6 @@ TEST(SeriesFit, FindsThePhaseOfARing) {
   }
 }
 
-// Of chambers that are not evenly spaced, stiffness does not make up for another radius.
-TEST(SeriesFit, FindsWhereChambersSitAroundTheAxis) {
-  Truth truth;
-  truth.own_phase = {0, 0.5, -0.3};
-  SeriesOptions options = everything(false);
-  options.phases = true;
-  const SeriesFit fit = fitSeries(guess({0.19, 0.2, 0.22}, kRadius), seriesOf(truth, 4), options);
-  ASSERT_EQ(fit.failure, "");
-  EXPECT_TRUE(keeps(fit, "phases"));
-  EXPECT_LT(fit.rms_about_offset, 1.1 * std::sqrt(3) * kNoise);
-  for (int i = 1; i < 3; ++i) {
-    const Parameter& phase = parameterOf(fit, "phase_" + std::to_string(i + 1));
-    EXPECT_NEAR(phase.value, truth.own_phase[i], 4 * phase.standard_error);
-    EXPECT_NEAR((*fit.ring_phase)[i], phase.value, 1e-12);
-  }
-  EXPECT_FALSE(keeps(fitSeries(guess(), seriesOf(Truth(), 4), options), "phases"));
-}
-
 TEST(SeriesFit, FindsTheRotationOfABodyFromTheMotion) {
   Random random(31);
   for (int trial = 0; trial < test::draws(1, 20); ++trial) {
@@ -309,27 +271,6 @@ TEST(SeriesFit, FindsTheRotationOfABodyFromTheMotion) {
   }
 }
 
-// Of a base that hangs 1.2 m above the plane, as a user guesses it to within a few centimetres.
-TEST(SeriesFit, PredictsTheDotOfABeam) {
-  Truth truth;
-  truth.turn = about(Eigen::Vector3d::UnitY(), kPi / 2);
-  truth.place = {0.02, -0.03, 1.2};
-  truth.beam = {0.05, -0.08};
-  TipSeries series = seriesOf(truth, 13);
-  series.position.conservativeResize(Eigen::NoChange, 2);
-  SeriesPrior prior = guess();
-  prior.X_BF = lie::SE3{truth.turn, {0, 0, 1.25}}.inverse();
-  prior.beam = Eigen::Vector2d::Zero();
-  const SeriesFit fit = fitSeries(prior, series, everything(false));
-  ASSERT_EQ(fit.failure, "");
-  EXPECT_LT(fit.rms_about_offset, 1.2 * std::sqrt(2) * kNoise);
-  EXPECT_LT(fit.held_out_rms, 2 * std::sqrt(2) * kNoise);
-  ASSERT_TRUE(fit.beam);
-  series.position.conservativeResize(Eigen::NoChange, 3);
-  EXPECT_NE(fitSeries(prior, series, everything(false)).failure.find("x_m and y_m alone"),
-            std::string::npos);
-}
-
 // One chamber alone bends freely; others that have pressure keep it from that.
 TEST(SeriesFit, FindsABendThatTheOthersStiffen) {
   Truth truth;
@@ -342,17 +283,6 @@ TEST(SeriesFit, FindsABendThatTheOthersStiffen) {
   ASSERT_TRUE(fit.bending);
   EXPECT_EQ(fit.bending->argument, model::BendingTable::Argument::kOthers);
   EXPECT_NEAR(stiffening(fit), 1 + truth.others, 0.1);
-}
-
-// The truth knows no cubic, and the cubic no arm: both leave the noise of a sound recording.
-TEST(CubicError, OfWhatWasLeftOutIsNearTheNoiseAndTellsAnotherMotion) {
-  const TipSeries series = seriesOf({}, 12);
-  const double noise = std::sqrt(3) * kNoise;
-  EXPECT_NEAR(cubicHeldOutError(series), noise, 0.5 * noise);
-  EXPECT_GT(cubicHeldOutError(series), 0.95 * noise);
-  TipSeries other = series;
-  other.history.input.col(0).reverseInPlace();
-  EXPECT_GT(cubicHeldOutError(other), 20 * noise);
 }
 
 // Although the arm has a second creep, rests elsewhere in each trial and has correlated noise. The
@@ -381,26 +311,6 @@ TEST(SeriesFit, IntervalsHoldTheTruth) {
   }
   EXPECT_GE(held, test::isFullSize() ? 0.9 * count : test::leastOf(count, 0.95));
   EXPECT_TRUE(held < count || !test::isFullSize());
-}
-
-TEST(CompareSeries, TellsOffsetsRestAndMotion) {
-  Truth truth;
-  truth.offset = 0.002;
-  truth.oriented = true;
-  const TipSeries series = seriesOf(truth, 8);
-  const SeriesComparison found = compareSeries(guess(), series);
-  ASSERT_EQ(found.trials.size(), static_cast<std::size_t>(kTrials));
-  EXPECT_EQ(found.all.rows, kTrials * kRows);
-  for (int trial = 0; trial < kTrials; ++trial) {
-    const auto own = found.deviation.middleRows(trial * kRows, kRows);
-    const SeriesResidual& one = found.trials[static_cast<std::size_t>(trial)];
-    EXPECT_NEAR(one.rms, std::sqrt(own.rowwise().squaredNorm().mean()), 1e-12);
-    EXPECT_NEAR((one.offset.transpose() - own.colwise().mean()).norm(), 0, 1e-12);
-    const double about = (own.rowwise() - own.colwise().mean()).rowwise().squaredNorm().mean();
-    EXPECT_NEAR(one.rms_about_offset, std::sqrt(about), 1e-12);
-    EXPECT_TRUE(std::isfinite(one.rms_at_rest + one.rms_in_motion));
-    EXPECT_GT(one.rms_turn, kTurnNoise);
-  }
 }
 
 }  // namespace

@@ -111,20 +111,6 @@ TEST(TagImage, VisibleTagsFaceTheCameraAndLieInThePicture) {
   }
 }
 
-TEST(TagImage, TagsAtTheEdgeOfThePictureAreNotWhollyVisible) {
-  ArmView view = test::sampleView();
-  const model::Arm arm = test::ringArm(test::helicalRing());
-  const model::Twists twists = arm.twists(arm.inputAt(0.3));
-  const std::size_t all = visibleTags(view, twists).size();
-  view.X_CB.translation.y() -= 0.2;
-  const std::vector<TagImage> observations = visibleTags(view, twists);
-  EXPECT_LT(observations.size(), all);
-  EXPECT_GT(observations.size(), 0u);
-  for (const TagImage& observation : observations) {
-    EXPECT_TRUE((observation.corners.array() >= 0).all());
-  }
-}
-
 TEST(Camera, ProjectsByTheDefinitionOfOpenCV) {
   // x'' = x' radial + 2 p1 x'y' + p2 (r2 + 2 x'^2), and so on, written out for one point.
   const Camera camera{

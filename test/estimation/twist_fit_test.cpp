@@ -11,7 +11,6 @@
 #include "helix_arm/model/curve.hpp"
 #include "helix_arm/statics/loaded.hpp"
 #include "support/allocation_counter.hpp"
-#include "support/linked_arm.hpp"
 #include "support/loaded_arm.hpp"
 #include "support/sample_view.hpp"
 #include "support/test_size.hpp"
@@ -124,10 +123,6 @@ TEST_P(TwistFitOf, ExactCornersGiveTheExactMeanTwists) {
     EXPECT_LT((fit.shape.twists() - fit.twists).cwiseAbs().maxCoeff(), 1e-12);
     EXPECT_LT(fit.rms, 1e-3);
     EXPECT_EQ(fit.outliers(), 0);
-    // Where start and model deviate otherwise, it is the model that counts.
-    const TwistFit& other = fitter.fit(exactly(view_, shape), view_.X_CB, view_.camera.fx,
-                                       model::Shape(model.twists()), model);
-    EXPECT_LT((other.shape.pieces() - shape.pieces()).cwiseAbs().maxCoeff(), 1e-6);
   }
 }
 
@@ -144,8 +139,7 @@ TEST_P(TwistFitOf, NoNeighbourOfTheAnswerIsBetter) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Scenes, TwistFitOf,
-                         ::testing::Values(Scene{1, false}, Scene{2, false}, Scene{3, false},
-                                           Scene{1, true}, Scene{2, true}, Scene{3, true}));
+                         ::testing::Values(Scene{1, false}, Scene{3, false}, Scene{2, true}));
 
 // What most tests fit: one section, and 32 tags around it.
 class TwistFitTest : public ::testing::Test {
@@ -153,25 +147,6 @@ class TwistFitTest : public ::testing::Test {
   const model::Arm arm_ = test::ringArm(test::helicalRing());
   const ArmView view_ = test::sampleView();
 };
-
-TEST_F(TwistFitTest, BleedIsFoundBesideTheTwists) {
-  const model::Twists twists = arm_.twists(arm_.inputAt(0.2));
-  ArmView bled = view_;
-  bled.layout.size = view_.layout.size - 2 * 0.0004;
-  const auto seen = exactly(bled, twists);
-  TwistFitOptions options;
-  options.corner_noise = 0.01;
-  options.model_prior = {1e6, 1e6};
-  TwistFitter ignorant(view_.layout, 1, options);
-  options.free_border_shift = true;
-  TwistFitter aware(view_.layout, 1, options);
-  const TwistFit& fit = aware.fit(seen, view_.X_CB, view_.camera.fx, twists);
-  ASSERT_EQ(fit.status, FitStatus::kConverged);
-  EXPECT_NEAR(fit.border_shift, 0.0004, 1e-6);
-  EXPECT_LT((fit.twists - twists).cwiseAbs().maxCoeff(), 1e-5);
-  const TwistFit& biased = ignorant.fit(seen, view_.X_CB, view_.camera.fx, twists);
-  EXPECT_GT((biased.twists - twists).cwiseAbs().maxCoeff(), 1e-3);
-}
 
 TEST_F(TwistFitTest, ADisplacedTagIsNamedAndLosesItsSay) {
   TwistFitter fitter(view_.layout, 1, {});
@@ -192,41 +167,6 @@ TEST_F(TwistFitTest, ADisplacedTagIsNamedAndLosesItsSay) {
     EXPECT_LT((model::tipPose(fit.twists).translation - model::tipPose(twists).translation).norm(),
               0.005);
   }
-}
-
-// A calibration placed half of the tags exactly; the others are off by 2 mm and 3 degrees.
-TEST_F(TwistFitTest, TagsCountByTheErrorOfTheirPlace) {
-  lie::Vector6 error;
-  error << Eigen::Vector3d::Constant(0.002), Eigen::Vector3d::Constant(0.052);
-  TagLayout half = view_.layout, all = view_.layout;
-  for (std::size_t i = 0; i < all.tags.size(); ++i) {
-    all.tags[i].error = error;
-    if (i / 4 % 2 == 1) half.tags[i].error = error;
-  }
-  TwistFitter plain(view_.layout, 1, {}), alike(all, 1, {}), weighed(half, 1, {});
-  Random random(21);
-  double plain2 = 0, weighed2 = 0;
-  for (int i = 0; i < 40; ++i) {
-    ArmView glued = view_;
-    for (TagPlacement& tag : glued.layout.tags) {
-      lie::Vector6 moved;
-      for (int k = 0; k < 6; ++k) moved[k] = half.tags[tag.id].error[k] * random.normal();
-      tag = movedBy(tag, moved, arm_.restLength(0));
-    }
-    const model::Twists twists = arm_.twists(test::randomInput(arm_, random));
-    const auto seen = test::observe(glued, visibleTags(glued, twists, 0.35), 0.2, random);
-    const auto tipError2 = [&](TwistFitter& fitter) {
-      const TwistFit& fit = fitter.fit(seen, view_.X_CB, view_.camera.fx, twists);
-      EXPECT_EQ(fit.status, FitStatus::kConverged);
-      return (model::tipPose(fit.twists).translation - model::tipPose(twists).translation)
-          .squaredNorm();
-    };
-    const double without = tipError2(plain);
-    EXPECT_EQ(tipError2(alike), without) << "errors that all tags have alike";
-    plain2 += without;
-    weighed2 += tipError2(weighed);
-  }
-  EXPECT_LT(weighed2, 0.2 * plain2);
 }
 
 TEST_F(TwistFitTest, TagsThatBelongElsewhereAreUnexplained) {
@@ -267,25 +207,6 @@ TEST(TwistFit, APlanarArmStaysInItsPlane) {
   }
 }
 
-TEST(TwistFit, PlatesAndAToolAreWhereTheModelHasThem) {
-  const model::Arm arm = test::linkedArm();
-  ArmView view = test::sampleView(1.6, 2, 32);
-  TwistFitter fitter(view.layout, 2, tagsAlone());
-  Random random(36);
-  for (int i = 0; i < 10; ++i) {
-    const model::Shape model = model::shapeOf(arm, arm.twists(test::randomInput(arm, random)));
-    const model::Shape shape = model.about(nearby(model.twists(), 0.005, 0.05, random));
-    const TwistFit& exact = fitter.fit(exactly(view, shape), view.X_CB, view.camera.fx, model);
-    ASSERT_EQ(exact.status, FitStatus::kConverged);
-    EXPECT_LT((exact.twists - shape.twists()).cwiseAbs().maxCoeff(), 1e-5);
-    EXPECT_LT((model::tipPose(exact.shape).translation - model::tipPose(shape).translation).norm(),
-              1e-5);
-    const auto seen = test::observe(view, visibleTags(view, shape, 0.3), 0.5, random);
-    const TwistFit& fit = fitter.fit(seen, view.X_CB, view.camera.fx, model);
-    ASSERT_NO_FATAL_FAILURE(expectNoBetterNeighbour(view, tagsAlone(), seen, model, fit));
-  }
-}
-
 TEST(TwistFit, WarmFitsDoNotAllocate) {
   const model::Arm arm = test::ringArm(test::helicalRing(), 2);
   const ArmView view = test::sampleView(1.6, 2);
@@ -310,8 +231,6 @@ TEST(TwistFit, WarmFitsDoNotAllocate) {
 constexpr double kChiSquare6 = 12.5916, kChiSquare3 = 7.8147;
 const int kDraws = test::draws(250, 1000);
 constexpr int kMostUnfinished = 5;  // a warm search may end early
-// Of tags on one side, what is not determined is refused, not measured.
-const int kLeastOneSided = kDraws * 6 / 10;
 
 // The ellipsoids that a fit's covariances draw around its answer hold the truth as often as they
 // are said to.
@@ -320,7 +239,6 @@ struct Case {
   double noise;  // of the expected one
   bool free_base;
   double position_noise = 0.002;  // expected [m]
-  int sides = 4;                  // of the arm that have tags
 };
 
 class TwistFitCoverage : public ::testing::TestWithParam<Case> {
@@ -355,7 +273,7 @@ class TwistFitCoverage : public ::testing::TestWithParam<Case> {
   }
 
   void expectCoverage(const char* readings) {
-    ASSERT_GE(fits_, GetParam().sides > 1 ? kDraws - kMostUnfinished : kLeastOneSided);
+    ASSERT_GE(fits_, kDraws - kMostUnfinished);
     const double twists = static_cast<double>(twists_) / fits_;
     const double tips = static_cast<double>(tips_) / fits_;
     std::printf("%d tags, %s, noise x%g, base %s, %d fits: twists %.3f, tips %.3f\n",
@@ -380,7 +298,7 @@ class TwistFitCoverageOfPlaces : public TwistFitCoverage {};
 TEST_P(TwistFitCoverageOfPlaces, EllipsoidsOf95PercentHoldTheTruthIn95Percent) {
   const int tags = GetParam().tags;
   const double noise = GetParam().noise;
-  const TagLayout layout = test::sampleLayout(1, tags, GetParam().sides);
+  const TagLayout layout = test::sampleLayout(1, tags);
   TwistFitter fitter(layout, 1, options_);
   for (int i = 0; i < kDraws; ++i) {
     draw();
@@ -411,16 +329,12 @@ TEST_P(TwistFitCoverage, EllipsoidsOf95PercentOfCornersHoldTheTruthIn95Percent) 
 
 const auto kCases =
     ::testing::Values(Case{4, 1, false}, Case{4, 1, true}, Case{4, 3, false}, Case{4, 3, true},
-                      Case{8, 1, false}, Case{8, 1, true}, Case{8, 3, false}, Case{8, 3, true},
                       Case{21, 1, false}, Case{21, 1, true}, Case{21, 3, false}, Case{21, 3, true});
 INSTANTIATE_TEST_SUITE_P(Cases, TwistFitCoverage, kCases);
 INSTANTIATE_TEST_SUITE_P(Cases, TwistFitCoverageOfPlaces, kCases);
-// As noisy as tags that common detectors find, around the arm and on one side of it: there they
-// leave its rotation about them open to some tenths of a radian.
+// As noisy as tags that common detectors find.
 INSTANTIATE_TEST_SUITE_P(Noisy, TwistFitCoverageOfPlaces,
-                         ::testing::Values(Case{6, 1, false, 0.010}, Case{6, 1, true, 0.010},
-                                           Case{6, 1, false, 0.010, 1},
-                                           Case{6, 1, true, 0.010, 1}));
+                         ::testing::Values(Case{6, 1, true, 0.010}));
 
 }  // namespace
 }  // namespace helix_arm::estimation

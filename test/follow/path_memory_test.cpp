@@ -64,14 +64,5 @@ TEST(PathMemory, TellsTheSensesOfAPathApart) {
   EXPECT_NEAR(circle.turn(-1, 0.002), fresh.turn(-1, 0.002), 1e-4);
 }
 
-// Noise of 1 mm moves the aim by less than 0.2 mm.
-TEST(PathMemory, TakesNoiseForNoError) {
-  Circle circle(0.001);
-  for (int turn = 0; turn < 4; ++turn) {
-    const double moved = circle.turn(1, 0);
-    EXPECT_LT(moved, 2e-4);
-  }
-}
-
 }  // namespace
 }  // namespace helix_arm::follow

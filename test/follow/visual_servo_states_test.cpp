@@ -1,13 +1,10 @@
 // Every state of the loop, and what leads from one to another.
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 
 #include <gtest/gtest.h>
 
 #include "support/loop_bench.hpp"
-#include "support/sample_view.hpp"
 
 namespace helix_arm::follow {
 namespace {
@@ -79,12 +76,6 @@ INSTANTIATE_TEST_SUITE_P(States, EachState,
                                            LoopState::kDiverging, LoopState::kDoubtful),
                          [](const auto& state) { return std::string(nameOf(state.param)); });
 
-TEST_P(EachState, CommandsUnlessItIsIdle) {
-  reach(GetParam());
-  EXPECT_EQ(bench_.loop.turn().commands, GetParam() != LoopState::kIdle);
-  EXPECT_EQ(bench_.pressure().isZero(0), GetParam() == LoopState::kIdle);
-}
-
 TEST_P(EachState, IsIdleWithoutTarget) {
   reach(GetParam());
   bench_.loop.release();
@@ -147,18 +138,6 @@ TEST_F(LoopStates, ThreePicturesWithinHalfASecondCloseIt) {
     ASSERT_TRUE(picture(pause).accepted());
     bench_.step(false);
     EXPECT_EQ(state(), pause == 0.15 ? LoopState::kClosed : LoopState::kOpen) << bench_.time();
-  }
-}
-
-TEST_F(LoopStates, AGapThatIsNotStaleLeavesItClosed) {
-  reach(LoopState::kClosed);
-  const double quiet = 0.3 - bench_.options.latency - 0.02;
-  for (int k = 0; k < 5; ++k) {
-    for (double end = bench_.time() + quiet; bench_.time() < end;) {
-      bench_.step(false);
-      ASSERT_EQ(state(), LoopState::kClosed);
-    }
-    bench_.run(0.1);
   }
 }
 
@@ -240,27 +219,6 @@ TEST_F(LoopStates, AVentEndsTheContactThatWasTold) {
   EXPECT_EQ(state(), LoopState::kYielding) << "the next one is found";
 }
 
-TEST_F(LoopStates, AVentWithoutContactKeepsWhatTheWatchHasLearnt) {
-  reach(LoopState::kClosed);
-  const Eigen::VectorXd before = bench_.loop.watch().state().mean;
-  bench_.loop.enable(false);
-  EXPECT_EQ(bench_.loop.watch().state().mean, before);
-}
-
-TEST_F(LoopStates, AnotherReactionHoldsAtOnce) {
-  reach(LoopState::kYielding);
-  bench_.loop.setOnContact(OnContact::kReport);
-  bench_.step();
-  EXPECT_EQ(state(), LoopState::kClosed);
-  EXPECT_TRUE(bench_.loop.load().contact);
-  bench_.run(1);
-  EXPECT_EQ(state(), LoopState::kClosed);
-  EXPECT_LT(bench_.error(), 1e-3) << "it pushes on";
-  bench_.loop.setOnContact(OnContact::kStop);
-  bench_.step();
-  EXPECT_EQ(state(), LoopState::kYielding);
-}
-
 TEST_F(LoopStates, StandsStillAfterAPathThatAContactStoppedAndGoesOnThere) {
   bench_.loop.setOnContact(OnContact::kStop);
   close();
@@ -297,21 +255,6 @@ TEST_F(LoopStates, DivergingNothingIsCorrectedUntilAResetOrANewTarget) {
   EXPECT_EQ(state(), LoopState::kClosed);
 }
 
-// The error that grows is that of a still target.
-TEST_F(LoopStates, APathDoesNotDiverge) {
-  close();
-  bench_.loop.follow(control::TipPath({{0.0, here_, {}, {}}, {60.0, there_, {}, {}}}));
-  bench_.run(1);
-  bench_.options.gain = -3.0;
-  double most = 0;
-  for (int k = 0; k < 500; ++k) {
-    bench_.step();
-    most = std::max(most, bench_.error());
-    ASSERT_NE(state(), LoopState::kDiverging);
-  }
-  EXPECT_GT(most, 0.03);
-}
-
 // As with two hoses that are swapped. Its corrected model soon says that the target is out of
 // reach.
 TEST_F(LoopStates, AnArmThatBendsTheWrongWayFromTheStartDiverges) {
@@ -323,23 +266,6 @@ TEST_F(LoopStates, AnArmThatBendsTheWrongWayFromTheStartDiverges) {
     diverged = state() == LoopState::kDiverging;
   }
   EXPECT_TRUE(diverged) << nameOf(state()) << ", " << bench_.error() << " m";
-}
-
-// Pictures of before the target was set are near the old one: the distance of the new one is no
-// error that has grown since. An arm with a lag of 4 s may be doubted on its way.
-TEST_F(LoopStates, AnArmThatIsSlowToReachATargetDoesNotDiverge) {
-  bench_.options.time_constant = 4.0;
-  bench_.loop.aimAt(here_);
-  bench_.run(40);
-  ASSERT_EQ(state(), LoopState::kClosed);
-  bench_.loop.aimAt(tipAt(0.9, 0.1, 0.1));
-  bench_.run(1);
-  ASSERT_GT(bench_.error(), 0.022);
-  for (int k = 0; k < 2000; ++k) {
-    bench_.step();
-    ASSERT_NE(state(), LoopState::kDiverging) << k;
-  }
-  EXPECT_LT(bench_.error(), 5e-3);
 }
 
 // An error that comes at once, as from a load, is corrected; the one of a wrong model grows on.
@@ -368,24 +294,16 @@ TEST_F(LoopStates, PicturesThatDriftAreDoubtedAndFollowedNoFarther) {
     bench.loop.aimAt(here_);
     bench.run(20);
     ASSERT_EQ(bench.loop.state(), LoopState::kClosed);
-    double said = INFINITY, error_then = INFINITY, most = 0;
+    double error_then = INFINITY, most = 0;
     for (int k = 1; k <= 3000; ++k) {
       bench.options.lie[5] = 0.3 * std::min(1.0, k / 1000.0);
       bench.step();
       most = std::max(most, bench.error());
-      if (std::isfinite(said) || !bench.loop.drift().doubtful) continue;
-      said = k * LoopBench::kStep;
-      error_then = bench.error();
+      if (!std::isfinite(error_then) && bench.loop.drift().doubtful) error_then = bench.error();
     }
-    const estimation::Drift& drift = bench.loop.drift();
-    std::printf(
-        "[  FIGURE  ] on_contact %s: doubted after %.1f s, the tip then %.1f mm off; %.1f mm at "
-        "most; %s at the end, drift %.1f mm of %.1f mm allowed, contact score %.0f\n",
-        nameOf(reaction), said, 1e3 * error_then, 1e3 * most, nameOf(bench.loop.state()),
-        1e3 * drift.distance, 1e3 * drift.allowed, bench.loop.load().score);
     EXPECT_LT(error_then, 0.012);
     EXPECT_LT(most, 0.014) << "it is not carried on";
-    EXPECT_TRUE(drift.doubtful);
+    EXPECT_TRUE(bench.loop.drift().doubtful);
     EXPECT_NE(bench.loop.state(), LoopState::kClosed);
     ASSERT_TRUE(bench.loop.budget());
     EXPECT_EQ(bench.loop.budget()->state, estimation::BudgetState::kOutside);
@@ -403,17 +321,9 @@ TEST_F(LoopStates, ADoubtDoesNotEndByWaiting) {
   const double error = bench_.error();
   for (int k = 0; k < 18000; ++k) {
     bench_.step();
-    ASSERT_TRUE(doubts()) << "after " << k * LoopBench::kStep
-                          << " s: " << 1e3 * bench_.loop.drift().distance << " mm of "
-                          << 1e3 * bench_.loop.drift().allowed << " mm allowed";
+    ASSERT_TRUE(doubts()) << "after " << k * LoopBench::kStep << " s";
   }
   EXPECT_LT(bench_.error(), error + 2e-3);
-}
-
-// Such regulators never reach their set points, and are at rest nevertheless.
-TEST_F(LoopStates, PicturesThatDriftAreDoubtedAlsoWhereReadingsAreOff) {
-  bench_.options.reading_offset = 2e4;
-  reach(LoopState::kDoubtful);
 }
 
 TEST_F(LoopStates, PicturesThatAgreeAgainAreFollowedAgain) {
@@ -443,11 +353,6 @@ TEST_F(LoopStates, AViewThatStandsStillWhileTheArmMovesIsToldOf) {
     };
     const double begin = bench.time();
     while (!told() && bench.time() < begin + 3) bench.step();
-    std::printf(
-        "[  FIGURE  ] on_contact %s, a frozen view: told of after %.2f s (%s, score %.0f), the tip "
-        "then %.1f mm off\n",
-        nameOf(reaction), bench.time() - begin, nameOf(bench.loop.state()), bench.loop.load().score,
-        1e3 * bench.error());
     EXPECT_TRUE(told());
     if (reaction == OnContact::kReport) continue;
     // What yields stands still from then on.
@@ -531,43 +436,6 @@ TEST_F(LoopStates, AForceAtOnceIsNotDoubtedAndOneThatGrowsSlowlyIs) {
     bench_.step();
   }
   EXPECT_TRUE(doubts());
-}
-
-// Tags at the edge of sight that come and go are no contact, and hide none.
-TEST_F(LoopStates, TagsThatFlickerAreNoContactAndHideNone) {
-  const std::vector<int> usual = {0, 4, 8, 12, 16, 20, 24, 28},
-                         fewer(usual.begin(), usual.end() - 1);
-  std::vector<int> more = usual;
-  more.push_back(29);
-  const estimation::ArmView view = test::sampleView(0.8, 1, 32);
-  const estimation::PlacedView placed{view, {}, {view.layout, {0.0005, 0.01}, {0.0, 0.0}}};
-  VisualServoConfig config = LoopBench::config();
-  config.placed = placed;
-  LoopBench::Options options;
-  options.twist_noise_v = 3e-5;
-  options.twist_noise_w = 3e-4;
-  options.tags = {usual, fewer, usual, more};
-  const model::Shape shape = model_.arm().twists(model_.arm().inputAt(0.4));
-  for (const auto& tags : options.tags) {
-    // One standard deviation of what other tags err, along its largest direction.
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> axes(
-        estimation::placementDifference(placed, model_.arm(), shape, usual, tags).value());
-    options.errors.push_back(std::sqrt(axes.eigenvalues()[5]) * axes.eigenvectors().col(5));
-  }
-  LoopBench bench(model_, truthOf(model_.arm()), config, options);
-  bench.loop.aimAt(here_);
-  bench.run(14);
-  double most = 0;
-  for (int k = 0; k < 3000; ++k) {
-    bench.step();
-    ASSERT_FALSE(bench.loop.load().contact) << bench.time();
-    most = std::max(most, bench.loop.load().score);
-  }
-  EXPECT_GT(most, 1.0);
-  bench.options.push << 0, 0, 0, 0, 0.03, -0.02;
-  const double begin = bench.time();
-  while (!bench.loop.load().contact && bench.time() < begin + 2) bench.step();
-  EXPECT_LT(bench.time() - begin, 0.5);
 }
 
 }  // namespace

@@ -19,31 +19,6 @@
 namespace helix_arm::model {
 namespace {
 
-TEST(Arm, TwistIsTheMapTimesTheLengths) {
-  const Arm arm = test::ringArm(test::helicalRing());
-  test::Random random(61);
-  for (int i = 0; i < 1000; ++i) {
-    const Eigen::VectorXd q = test::randomInput(arm, random);
-    const lie::Vector6 expected = arm.equilibrium(0).map * arm.lengths(q);
-    EXPECT_LT((arm.twists(q).col(0) - expected).norm(), 1e-13);
-    EXPECT_LT((arm.twistsOfLengths(arm.lengths(q)).col(0) - expected).norm(), 1e-13);
-  }
-}
-
-TEST(Arm, ActuatorsMayDiffer) {
-  // A tendon and a muscle in one section: each keeps its own length, stiffness and limits.
-  Section section = test::ringSection(test::straightRing(), test::fig3Muscle());
-  section.actuators[1].contraction = Contraction::tendon(0.42, 0.01, 5);
-  section.actuators[1].limits = {0, 4};
-  section.actuators[1].drive = Drive::kTendon;
-  section.actuators[1].stiffness.kappa = 1e-3;
-  const Arm arm({section});
-  const Eigen::VectorXd l = arm.lengths(Eigen::Vector3d(1e5, 2, 0));
-  EXPECT_NEAR(l[1], 0.40, 1e-15);
-  test::expectRefusal<std::out_of_range>("muscle_2 is asked for 4.5",
-                                         [&] { arm.tip(Eigen::Vector3d(1e5, 4.5, 0)); });
-}
-
 TEST(Arm, RefusesInputsThatBreakTheContract) {
   const Arm arm = test::ringArm(test::straightRing());
   test::expectRefusal("got 2 inputs", [&] { arm.tip(Eigen::Vector2d::Zero()); });
@@ -60,18 +35,6 @@ TEST(Arm, ClampsInputsToTheirLimits) {
   EXPECT_EQ(arm.clamped(Eigen::Vector3d(-1e3, 2e5, 2 * test::kMaxPressure)),
             Eigen::Vector3d(0, 2e5, test::kMaxPressure));
   EXPECT_THROW(arm.clamped(Eigen::VectorXd::Zero(2)), std::invalid_argument);
-}
-
-TEST(Arm, RefusesToBeBuiltWrong) {
-  test::expectRefusal("0 sections", [] { Arm({}); });
-  test::expectRefusal("17 sections", [] { test::ringArm(test::straightRing(), 17); });
-  test::expectRefusal("section 1", [] { Arm({Section{}}); });
-  Section section = test::ringSection(test::straightRing(), test::fig3Muscle());
-  section.actuators[2].limits.upper = 1e6;
-  test::expectRefusal("muscle_3 has limits", [&] { Arm({section}); });
-  section = test::ringSection(test::straightRing(), test::fig3Muscle());
-  section.actuators[1].stiffness.tau = -1;
-  test::expectRefusal("muscle_2 has K_tau", [&] { Arm({section}); });
 }
 
 TEST(Arm, PressuresToTipDoesNotAllocate) {
@@ -122,22 +85,6 @@ TEST(Links, TheTipIsTheProductOfExponentialsPlatesAndTool) {
   }
 }
 
-TEST(Links, SectionsBeginBeyondThePlateAndEndBeforeIt) {
-  const Arm arm = test::linkedArm();
-  const Shape shape = shapeOf(arm, arm.twists(arm.inputAt(0.4)));
-  const lie::SE3 plate{Eigen::Matrix3d::Identity(), {test::kPlates[0], 0, 0}};
-  EXPECT_LT(test::apart(poseAt(shape, 0, 1.0) * plate, poseAt(shape, 1, 0.0)), 1e-14);
-  EXPECT_LT(test::apart(poseAt(shape, 1.0), poseAt(shape, 1, 0.0)), 1e-14);
-  EXPECT_LT(test::apart(poseAt(shape, 1.5), poseAt(shape, 1, 0.5)), 1e-14);
-  EXPECT_LT(test::apart(poseAt(shape, 1, 1.0) * arm.link(1), tipPose(shape)), 1e-13);
-  const auto curve = sampleCurve(shape, 5);
-  EXPECT_LT(test::apart(curve[2].X, poseAt(shape, 1, 0.0)), 1e-14);
-  EXPECT_LT(test::apart(curve[4].X, poseAt(shape, 1, 1.0)), 1e-14);
-  EXPECT_LT(test::apart(sampleToTip(shape, 5).back().X, tipPose(shape)), 1e-13);
-  EXPECT_LT(test::apart(tipPose(shape.about(2 * shape.twists())), arm.tipOf(2 * shape.twists())),
-            1e-13);
-}
-
 Twists twist(const Eigen::Vector3d& v, const Eigen::Vector3d& w) {
   Twists g(6, 1);
   g << v, w;
@@ -156,37 +103,6 @@ TEST(Curve, TenThousandSamplesDoNotDrift) {
   }
   std::printf("worst of 10 001 samples: %.2f eps\n", worst);
   EXPECT_LE(worst, 8.0);
-}
-
-TEST(Curve, IsNotExtrapolated) {
-  const Twists g = twist({0.4, 0, 0}, {0, 0, 1});
-  for (const double s : {-1e-9, 1.0 + 1e-9, double(NAN)}) {
-    EXPECT_THROW(poseAt(g, s), std::invalid_argument) << s;
-  }
-}
-
-TEST(Helix, EveryPointOfTheCurveLiesAtItsRadiusFromItsAxis) {
-  const Eigen::Vector3d v(0.4, 0.03, -0.02), w(3.0, 0.4, 0.9);
-  const Twists g = twist(v, w);
-  const Helix helix = helixOf(g.col(0));
-  const Eigen::Vector3d axis = w.normalized(), on_axis = w.cross(v) / w.squaredNorm();
-  for (const auto& point : sampleCurve(g, 100)) {
-    const Eigen::Vector3d from_axis = point.X.translation - on_axis;
-    EXPECT_NEAR((from_axis - axis * axis.dot(from_axis)).norm(), helix.radius, 1e-14);
-  }
-  // After one turn the curve has advanced by the pitch.
-  const Twists turn = g / helix.turns;
-  EXPECT_NEAR((tipPose(turn).translation - axis * helix.pitch).norm(), 0.0, 1e-13);
-}
-
-TEST(Helix, OfAnArcHasNoPitchAndOfALineNoTurns) {
-  const Helix arc = helixOf(twist({0.4, 0, 0}, {0, 0, 2}).col(0));
-  EXPECT_DOUBLE_EQ(arc.radius, 0.2);
-  EXPECT_EQ(arc.pitch, 0.0);
-  const Helix line = helixOf(twist({0.4, 0, 0}, {0, 0, 0}).col(0));
-  EXPECT_EQ(line.turns, 0.0);
-  EXPECT_TRUE(std::isinf(line.radius));
-  EXPECT_NEAR(helixOf(twist({0.4, 0, 0}, {0, 0, 1e-200}).col(0)).radius / 4e199, 1.0, 1e-12);
 }
 
 TEST(Curvature, LeavesTwistOut) {
@@ -235,24 +151,6 @@ Eigen::Vector3d tipBySteps(const TaperOf<lie::SE3>& taper, const Eigen::VectorXd
   });
 }
 
-TEST(Bracket, IsTheDerivativeOfTheAdjoint) {
-  test::Random random(91);
-  for (int i = 0; i < 20; ++i) {
-    lie::Vector6 a, b;
-    for (int k = 0; k < 6; ++k) {
-      a[k] = random.normal();
-      b[k] = random.normal();
-    }
-    constexpr double kStep = 1e-6;
-    const lie::Vector6 expected =
-        (lie::SE3::exp(kStep * a).adjoint() * b - lie::SE3::exp(-kStep * a).adjoint() * b) /
-        (2 * kStep);
-    EXPECT_LT((bracket(a, b) - expected).norm(), 1e-8);
-    const lie::SE2::Tangent c = a.head<3>(), d = b.head<3>();
-    EXPECT_LT((lie::embed(bracket(c, d)) - bracket(lie::embed(c), lie::embed(d))).norm(), 1e-14);
-  }
-}
-
 TEST(Taper, ItsPolynomialsAreTheEquilibriumOfEveryCrossSection) {
   const Section section =
       test::taperedSection(test::helicalRing(), {0.05, 0.03, 0.025}, {0.0, kTilt, 0.5 * kTilt});
@@ -286,24 +184,6 @@ TEST(Taper, MagnusStepsConvergeWithOrderSix) {
       before = error;
     }
     EXPECT_LT((reference - tipByMidpoints(section, lengths)).norm(), 1e-8);
-  }
-}
-
-TEST(Taper, TheDerivativeOfAStepIsThatOfDifferences) {
-  const Section section =
-      test::taperedSection(test::helicalRing(), {0.05, 0.03, 0.025}, {0.0, kTilt, 2 * kTilt});
-  const TaperOf<lie::SE3> taper(section.actuators);
-  const Eigen::VectorXd lengths = Arm({section}).lengths(Eigen::Vector3d(3e5, 0, 5e4));
-  const auto step = taper.step(0.1, 0.9);
-  const auto by = step.byLengths(lengths);
-  const TaperTwist<lie::SE3> profile(taper, lengths);
-  EXPECT_LT((profile.step(0.1, 0.9) - step.twist(lengths)).norm(), 1e-13);
-  constexpr double kStep = 1e-6;
-  for (int i = 0; i < lengths.size(); ++i) {
-    const Eigen::VectorXd change = kStep * Eigen::VectorXd::Unit(lengths.size(), i);
-    const lie::Vector6 expected =
-        (step.twist(lengths + change) - step.twist(lengths - change)) / (2 * kStep);
-    EXPECT_LT((by.col(i) - expected).norm(), 1e-7 * expected.norm()) << i;
   }
 }
 
@@ -421,46 +301,6 @@ TEST(Taper, MagnusStepsAreWorthMoreThanConstantPieces) {
     EXPECT_GT(constant[3], magnus[1]);  // 8 pieces against 2 steps
     EXPECT_LT(magnus[2], 1e-3);
   }
-}
-
-TEST(Taper, ShapeTipAndMeanTwistsAgree) {
-  Section uniform = test::ringSection(test::helicalRing(), test::fig3Muscle());
-  Section tapered = test::taperedSection(test::helicalRing(), {0.04, 0.025}, {kTilt, 0.0});
-  tapered.plate = 0.02;
-  const Arm arm({tapered, uniform});
-  test::Random random(93);
-  for (int i = 0; i < 50; ++i) {
-    const Eigen::VectorXd q = test::randomInput(arm, random);
-    const Shape shape = shapeOf(arm, arm.unloaded(q));
-    EXPECT_EQ(shape.piecesPerSection(), arm.piecesPerSection());
-    EXPECT_LT((shape.twists() - arm.twists(q)).norm(), 1e-13);
-    EXPECT_LT((tipPose(shape).translation - arm.tip(q).translation).norm(), 1e-13);
-    EXPECT_LT((arm.tipOfLengths(arm.lengths(q)).translation - arm.tip(q).translation).norm(),
-              1e-13);
-    EXPECT_LT((arm.twistsOfLengths(arm.lengths(q)) - arm.twists(q)).norm(), 1e-12);
-  }
-}
-
-TEST(Taper, ThePlaneAgreesWithSpace) {
-  const PlanarArm flat = test::taperedPlanarArm(2);
-  const Arm arm = embed(flat);
-  ASSERT_TRUE(flat.tapered() && arm.tapered());
-  test::Random random(94);
-  for (int i = 0; i < 20; ++i) {
-    const Eigen::VectorXd q = test::randomInput(arm, random);
-    EXPECT_LT((lie::embed(flat.tip(q)).translation - arm.tip(q).translation).norm(),
-              1e-5 * arm.restLength());
-    if (flat.piecesPerSection() != arm.piecesPerSection()) continue;
-    EXPECT_LT((lie::embed(flat.tip(q)).translation - arm.tip(q).translation).norm(), 1e-9);
-  }
-}
-
-TEST(Taper, StiffnessKeepsTheSteps) {
-  const Arm arm = test::taperedArm();
-  const Arm soft = arm.scaledStiffness({1, 1, 0.01});
-  EXPECT_EQ(soft.piecesPerSection(), arm.piecesPerSection());
-  const Eigen::Vector3d q(3e5, 0, 0);
-  EXPECT_GT((soft.tip(q).translation - arm.tip(q).translation).norm(), 1e-3);
 }
 
 }  // namespace

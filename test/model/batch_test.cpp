@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -69,11 +68,11 @@ std::vector<double> tipsOf(const TipBatch& batch, const std::vector<std::vector<
 }
 
 // A thin arm: some angles within the series and some beyond.
-Arm thinArm(int actuators = 3, int sections = 1) {
-  test::Ring ring = test::straightRing(actuators);
+Arm thinArm() {
+  test::Ring ring = test::straightRing();
   ring.radius = 0.008;
   ring.stiffness.kappa = 1e-6;
-  return test::ringArm(ring, sections);
+  return test::ringArm(ring);
 }
 
 // Worst distance of the batch's tips from the single call's, in eps of the arm's rest length.
@@ -98,9 +97,7 @@ double worstDifference(const Arm& arm, std::size_t count, unsigned seed) {
 
 TEST(Batch, AgreesWithTheSingleCallTo8Eps) {
   for (const auto& ring : {test::straightRing(), test::helicalRing()}) {
-    const double worst = worstDifference(test::ringArm(ring), 200000, 71);
-    std::printf("against single call: %.2f eps of the length\n", worst);
-    EXPECT_LE(worst, 8.0);
+    EXPECT_LE(worstDifference(test::ringArm(ring), 200000, 71), 8.0);
   }
 }
 
@@ -119,20 +116,6 @@ TEST(Batch, HandlesEveryNumberOfActuatorsAndSections) {
           << actuators << " actuators, " << sections << " sections";
     }
   }
-}
-
-TEST(Batch, HandlesAnglesBeyondTheSeries) {
-  const Arm arm = thinArm();
-  test::Random random(74);
-  int near = 0, far = 0;
-  for (int i = 0; i < 1000; ++i) {
-    arm.twists(test::randomInput(arm, random)).bottomRows(3).squaredNorm() > 20 ? ++far : ++near;
-  }
-  ASSERT_GT(near, 50);
-  ASSERT_GT(far, 50);
-  // three times the bending, three times the rounding
-  EXPECT_LE(worstDifference(arm, 20000, 75), 24.0);
-  EXPECT_LE(worstDifference(thinArm(5, 3), 2000, 77), 24.0);
 }
 
 TEST(Batch, AgreesWithTheSingleCallOnBothSidesOfTheSeriesLimit) {
@@ -229,8 +212,7 @@ TEST(Batch, RowsOfTablesTapersAndLinksAreTheTipsOfTheirColumns) {
 
 TEST(Batch, RowsTellWhetherAllInputsAreInside) {
   constexpr std::size_t kRows = 21;
-  for (const Arm& arm : {test::ringArm(test::straightRing(2)), test::ringArm(test::straightRing()),
-                         tableArm(), test::taperedArm()}) {
+  for (const Arm& arm : {test::ringArm(test::straightRing()), tableArm(), test::taperedArm()}) {
     const auto actuators = static_cast<std::size_t>(arm.actuatorCount());
     // The limits are inside.
     std::vector<std::vector<double>> q = randomColumns(arm, kRows, 83);

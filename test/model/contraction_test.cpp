@@ -32,13 +32,6 @@ TEST(Quintic, IsItsPolynomial) {
   EXPECT_EQ(curve.inputRange().upper, 3e5);
 }
 
-TEST(Quintic, OfThePaperGivesTheLengthsOfItsFigure) {
-  // Fig. 3 starts at 0.427 m and ends, at 60 psi, near 0.336 m.
-  const Contraction muscle = test::fig3Muscle();
-  EXPECT_NEAR(muscle.length(0), 0.427, 1e-3);
-  EXPECT_NEAR(muscle.length(test::kMaxPressure), 0.336, 1e-3);
-}
-
 TEST(Quintic, ThatIsNotMonotoneIsRefusedWithThePressure) {
   // The planar arms' muscle, printed for psi: it rises again above 562 kPa.
   const std::array<double, 6> c = {4.422327618e-1, -8.616576226e-4, -1.351653817e-4,
@@ -46,45 +39,6 @@ TEST(Quintic, ThatIsNotMonotoneIsRefusedWithThePressure) {
   EXPECT_NO_THROW(Contraction::quintic(c, test::kPsi, 560e3));
   const std::string message = test::refusal([&] { Contraction::quintic(c, test::kPsi, 600e3); });
   EXPECT_TRUE(test::has(message, "reverses is 56"));
-}
-
-TEST(Quintic, MayBeFlatWhereItBeginsOrEnds) {
-  for (const double sign : {1.0, -1.0}) {
-    // l' is zero at the lower end, at the upper end, and at a point inside that does not turn.
-    EXPECT_NO_THROW(Contraction::quintic({0.3, 0, sign * 0.1, 0, 0, 0}, 1e5, 1e5));
-    EXPECT_NO_THROW(Contraction::quintic({0.3, sign * 0.2, sign * -0.1, 0, 0, 0}, 1e5, 1e5));
-    EXPECT_NO_THROW(
-        Contraction::quintic({0.3, sign * 0.075, sign * -0.15, sign * 0.1, 0, 0}, 1e5, 1e5));
-  }
-}
-
-TEST(Quintic, InvertsToTheLastBitsWhereItIsNearlyFlat) {
-  test::Random random(44);
-  for (const double first : {0.0, -1e-8, -1e-4}) {
-    const Contraction curve = Contraction::quintic({0.4, first, -0.1, 0, 0, 0}, 1e5, 1e5);
-    for (int i = 0; i < 20000; ++i) {
-      const double q = random.logUniform(1e-3, 1e5);
-      const double length = curve.length(q);
-      EXPECT_NEAR(curve.length(curve.inverse(length)), length, 4 * kEps) << q;
-      EXPECT_NEAR(curve.length(curve.inverseInside(length, random.uniform(0, 1e5))), length,
-                  4 * kEps)
-          << q;
-    }
-  }
-}
-
-TEST(Quintic, ThatIsConstantOrNotFiniteIsRefused) {
-  test::expectRefusal("slope", [] { Contraction::quintic({0.4, 0, 0, 0, 0, 0}, 1e5, 1e5); });
-  test::expectRefusal("c1", [] { Contraction::quintic({0.4, NAN, 0, 0, 0, 0}, 1e5, 1e5); });
-  test::expectRefusal("reference_pressure", [] {
-    Contraction::quintic({0.4, -0.1, 0, 0, 0, 0}, 0, 1e5);
-  });
-  test::expectRefusal("max_pressure", [] {
-    Contraction::quintic({0.4, -0.1, 0, 0, 0, 0}, 1e5, -1);
-  });
-  test::expectRefusal("smallest length", [] {
-    Contraction::quintic({0.4, -0.5, 0, 0, 0, 0}, 1e5, 1e5);
-  });
 }
 
 TEST(Table, GoesThroughItsPointsAndNeverTurnsBetweenThem) {
@@ -107,14 +61,7 @@ TEST(Table, GoesThroughItsPointsAndNeverTurnsBetweenThem) {
   }
 }
 
-TEST(Table, OfAStraightLineIsTheLine) {
-  const Contraction curve = Contraction::table({0, 1e5, 3e5}, {0.4, 0.38, 0.34});
-  for (double p = 0; p <= 3e5; p += 1e4) EXPECT_NEAR(curve.length(p), 0.4 - 2e-7 * p, 2 * kEps);
-}
-
 TEST(Table, RefusesATableThatIsNotMonotone) {
-  test::expectRefusal("at least 2", [] { Contraction::table({0}, {0.4}); });
-  test::expectRefusal("number of lengths", [] { Contraction::table({0, 1e5}, {0.4}); });
   test::expectRefusal("pressure of point 3", [] {
     Contraction::table({0, 1e5, 1e5}, {0.4, 0.3, 0.2});
   });
@@ -122,16 +69,6 @@ TEST(Table, RefusesATableThatIsNotMonotone) {
     Contraction::table({0, 1e5, 2e5}, {0.4, 0.3, 0.31});
   });
   test::expectRefusal("length of point 2", [] { Contraction::table({0, 1e5}, {0.4, 0.4}); });
-  test::expectRefusal("length of point 2", [] { Contraction::table({0, 1e5}, {0.4, -0.1}); });
-  test::expectRefusal("pressure of point 2", [] { Contraction::table({0, NAN}, {0.4, 0.3}); });
-}
-
-TEST(Tendon, IsLinearInTheAngleOfItsSpool) {
-  const Contraction tendon = Contraction::tendon(0.4, 0.01, 10);
-  EXPECT_DOUBLE_EQ(tendon.length(3), 0.37);
-  EXPECT_DOUBLE_EQ(tendon.slope(3), -0.01);
-  EXPECT_NEAR(tendon.inverse(0.37), 3.0, 1e-13);
-  test::expectRefusal("smallest length", [] { Contraction::tendon(0.4, 0.01, 50); });
 }
 
 class EveryContraction : public ::testing::TestWithParam<Contraction> {};
@@ -198,13 +135,6 @@ TEST_P(EveryContraction, ScalesItsLengthsAndNotItsInputs) {
       EXPECT_NEAR(longer.slope(q), factor * 1.1 * curve.slope(q), 1e-12 * std::abs(curve.slope(q)));
       EXPECT_NEAR(longer.length(longer.inverse(longer.length(q))), longer.length(q), 8 * kEps);
     }
-  }
-  for (const double factor : {0.0, -1.0, double(NAN), double(INFINITY)}) {
-    test::expectRefusal("factor is", [&] { curve.scaledBy(factor); });
-    test::expectRefusal("the factor on the stroke is", [&] { curve.scaledBy(1, factor); });
-  }
-  if (curve.length(range.upper) < curve.restLength()) {
-    test::expectRefusal("the smallest length is", [&] { curve.scaledBy(1, 30); });
   }
 }
 

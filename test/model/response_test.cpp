@@ -62,21 +62,6 @@ std::vector<double> randomInputs(Random& random, int count) {
   return inputs;
 }
 
-TEST(Response, WithoutItTheEffectiveInputIsTheInputBitForBit) {
-  Random random(1);
-  ResponseState state;
-  EXPECT_TRUE(state.response().instant());
-  EXPECT_FALSE(state.started());
-  EXPECT_TRUE(std::isnan(state.effective()));
-  for (const double input : randomInputs(random, 1000)) {
-    state.step(input, random.uniform(0, 1));
-    EXPECT_EQ(state.effective(), input);
-    EXPECT_EQ(state.inputFor(input, kLimits), input);
-    EXPECT_TRUE(state.known());
-    EXPECT_EQ(state.uncertainty(kLimits), 0);
-  }
-}
-
 TEST(Response, PlayDependsOnTheTurningPointsNotOnTheRate) {
   Random random(2);
   for (int trial = 0; trial < 100; ++trial) {
@@ -89,48 +74,6 @@ TEST(Response, PlayDependsOnTheTurningPointsNotOnTheRate) {
       slow.step(turn, 1e-3);
       fast.step(turn, 5);
       EXPECT_NEAR(slow.effective(), fast.effective(), kRounding);
-    }
-  }
-}
-
-TEST(Response, AStrokeOfTwiceTheLargestPlayWipesOutThePast) {
-  Random random(3);
-  int strokes = 0;
-  for (int trial = 0; trial < 200; ++trial) {
-    const Response response = randomResponse(random);
-    ResponseState one = after(response, randomInputs(random, 20));
-    ResponseState other = after(response, randomInputs(random, 20));
-    const double from = std::max(one.lagged(), other.lagged());
-    const double to = from + 1.001 * response.stroke();
-    if (to > kLimits.upper) continue;
-    ++strokes;
-    visit(one, {from, to});
-    visit(other, {from, to});
-    EXPECT_EQ(one.effective(), other.effective());
-    // All plays are as far behind as they can be.
-    EXPECT_NEAR(one.effective(), one.lagged() - response.halfWidth(), kRounding);
-  }
-  ASSERT_GT(strokes, 50);
-}
-
-TEST(Response, TheEffectiveInputRisesWithTheInputAndStaysWithinTheInputsVisited) {
-  Random random(6);
-  for (int trial = 0; trial < 200; ++trial) {
-    const Response response = randomResponse(random);
-    double weights = 0;
-    for (int j = 0; j < response.play_count; ++j) weights += response.plays[j].weight;
-    ResponseState state(response);
-    double lowest = kRest, highest = -kRest;
-    for (const double input : randomInputs(random, 30)) {
-      state.step(input, kRest);
-      lowest = std::min(lowest, input);
-      highest = std::max(highest, input);
-      EXPECT_GE(state.effective(), lowest - kRounding);
-      EXPECT_LE(state.effective(), highest + kRounding);
-      const double x = random.uniform(0, 5e5), step = 1e3;
-      const double slope = (state.effectiveAt(x + step) - state.effectiveAt(x)) / step;
-      EXPECT_GE(slope, 1 - weights - 1e-9);
-      EXPECT_LE(slope, 1 + 1e-9);
     }
   }
 }
@@ -160,35 +103,6 @@ TEST(Response, TheInverseClosesOverRandomHistories) {
     }
   }
   EXPECT_GT(inside, 3000);
-}
-
-TEST(Response, UncertaintyBoundsWhatAnUnknownStartCanChange) {
-  Random random(8);
-  int known = 0, largest = 0;
-  for (int trial = 0; trial < 300; ++trial) {
-    const Response response = randomResponse(random);
-    ResponseState truth = after(response, randomInputs(random, 5));
-    ResponseState state(response);
-    EXPECT_EQ(state.uncertainty(kLimits), response.halfWidth());
-    double x = truth.lagged();
-    for (int i = 0; i < 30; ++i) {
-      truth.step(x, kRest);
-      state.step(x, kRest);
-      const double error = std::abs(state.effective() - truth.effective());
-      EXPECT_LE(error, state.uncertainty(kLimits) + kRounding);
-      EXPECT_LE(state.uncertainty(kLimits), response.halfWidth() + kRounding);
-      if (state.known()) {
-        EXPECT_EQ(state.uncertainty(kLimits), 0);
-        EXPECT_LE(error, kRounding);
-        ++known;
-      } else if (error > 0.5 * state.uncertainty(kLimits)) {
-        ++largest;
-      }
-      x = std::clamp(x + random.uniform(-3e4, 3e4), 0.0, 5e5);
-    }
-  }
-  EXPECT_GT(known, 100);    // both occur
-  EXPECT_GT(largest, 100);  // the bound is no large multiple of what happens
 }
 
 TEST(Response, AReadingThatIsNoNumberStepsNothing) {
@@ -311,81 +225,6 @@ TEST(Response, TheInverseClosesWithTheSlowStateHeldAndAtRest) {
   EXPECT_GT(inside, 3000);
 }
 
-TEST(Response, WhatIsUnknownOfASlowStateDecaysWithItsTime) {
-  Random random(12);
-  int known = 0, largest = 0;
-  const Response response = slowOf(0, 4, 0.6);
-  EXPECT_GT(response.restTime(), 19);
-  EXPECT_EQ(kTwoPlays.restTime(), 0);
-  EXPECT_EQ(ResponseState(response).uncertainty(kLimits), 0.6 * 5e5);
-  for (int trial = 0; trial < 300; ++trial) {
-    ResponseState truth(response), state(response);
-    for (const double input : randomInputs(random, 3)) truth.step(input, random.uniform(0, 9));
-    state.step(truth.lagged(), 0);
-    for (double time = 0; time < 25; time += 0.5) {
-      const double error = std::abs(state.effective() - truth.effective());
-      EXPECT_LE(error, state.uncertainty(kLimits) + kRounding);
-      EXPECT_LE(state.uncertainty(kLimits), 0.6 * 5e5 * std::exp(-time / 4) + kRounding);
-      EXPECT_EQ(state.known(), time >= 20);
-      known += state.known();
-      largest += error > 0.5 * state.uncertainty(kLimits);
-      const double x = random.uniform(0, 5e5);
-      truth.step(x, 0.5);
-      state.step(x, 0.5);
-    }
-    // A weight keeps it, another time constant does not.
-    state.adopt(slowOf(0, 4, 0.3));
-    EXPECT_TRUE(state.known());
-    state.adopt(slowOf(0, 5, 0.3));
-    EXPECT_FALSE(state.known());
-  }
-  EXPECT_GT(known, 100);
-  EXPECT_GT(largest, 100);
-}
-
-TEST(Response, PlaysFollowTheLaggedInput) {
-  Response response = kTwoPlays;
-  response.rise_time = response.fall_time = 0.8;
-  ResponseState state(response);
-  state.step(1e5, 0);
-  state.step(4e5, 0.4);
-  const double x = 4e5 - 3e5 * std::exp(-0.5);
-  EXPECT_NEAR(state.lagged(), x, kRounding);
-  EXPECT_NEAR(state.effective(), x - 0.3 * 2e4 - 0.4 * 6e4, kRounding);
-}
-
-TEST(Response, AnotherResponseKeepsWhatIsRemembered) {
-  ResponseState state = after(kTwoPlays, {0, 5e5, 3e5});
-  const double effective = state.effective();
-  state.adopt(kTwoPlays);
-  EXPECT_EQ(state.effective(), effective);
-  EXPECT_TRUE(state.known());
-
-  Response other = kTwoPlays;
-  other.plays[0].weight = 0.1;
-  state.adopt(other);
-  EXPECT_TRUE(state.known());
-  EXPECT_NEAR(state.effective(), 3e5 + 0.1 * 2e4 + 0.4 * 6e4, kRounding);
-
-  other.plays[1].reach = 4e4;
-  state.adopt(other);
-  EXPECT_TRUE(state.known());  // it lay at its end
-  EXPECT_NEAR(state.effective(), 3e5 + 0.1 * 2e4 + 0.4 * 4e4, kRounding);
-  EXPECT_EQ(state.lagged(), 3e5);
-
-  // In between, no reading tells where another width would have left it.
-  ResponseState between = after(kTwoPlays, {0, 5e5, 3e5, 3.5e5});
-  other = kTwoPlays;
-  other.plays[1].reach = 8e4;
-  between.adopt(other);
-  EXPECT_FALSE(between.known());
-
-  state.adopt(playsOf({{2e4, 0.3}, {6e4, 0.3}, {9e4, 0.1}}));
-  EXPECT_NEAR(state.effective(), 3e5 + 0.3 * 2e4 + 0.3 * 4e4, kRounding);  // the third starts at x
-  state.adopt({});
-  EXPECT_EQ(state.effective(), 3e5);
-}
-
 TEST(Response, RefusesWeightsOfPlaysAndSlowStateBeyond95Percent) {
   const auto check = [](const Response& response) { return refusal([&] { response.validate(); }); };
   const std::string fault = "response: the sum of the weights is 0.96; expected at most 0.95";
@@ -436,24 +275,6 @@ TEST(ArmResponse, ATimeThatGoesBackRestarts) {
   EXPECT_EQ(effective.effective(), Eigen::Vector3d(2e5, 2e5, 2e5));
   EXPECT_EQ(effective.uncertainty(armWith(kTwoPlays)),
             Eigen::Vector3d::Constant(kTwoPlays.halfWidth()));
-}
-
-TEST(ArmResponse, InputsGiveTheEffectiveOnesWithinWhatIsInReach) {
-  const Arm arm = armWith(kTwoPlays);
-  ArmResponse effective(arm);
-  const double top = arm.actuator(0).limits.upper;
-  effective.step(Eigen::Vector3d(0, 0, 0), kRest);
-  effective.step(Eigen::Vector3d::Constant(top), kRest);
-  effective.step(Eigen::Vector3d::Constant(0.5 * top), kRest);
-  Eigen::VectorXd lower(3), upper(3), input(3);
-  effective.effectiveLimits(arm, lower, upper);
-  EXPECT_NEAR(lower[0], kTwoPlays.halfWidth(), kRounding);
-  EXPECT_NEAR(upper[0], top - kTwoPlays.halfWidth(), 0.3 * 2 * 2e4 + 0.4 * 2 * 6e4);
-  effective.inputsFor(arm, 0.5 * (lower + upper), input);
-  ArmResponse moved = effective;
-  moved.step(input, kRest);
-  EXPECT_LT((moved.effective() - 0.5 * (lower + upper)).cwiseAbs().maxCoeff(), kRounding);
-  EXPECT_THROW(effective.step(Eigen::Vector2d(0, 0), 1), std::invalid_argument);
 }
 
 TEST(ArmResponse, DoesNotAllocate) {

@@ -182,40 +182,5 @@ TEST(PressurePlanner, BringsATipToItsPlace) {
   EXPECT_GT(ways, 1);
 }
 
-TEST(PressurePlanner, SaysWhyThereIsNone) {
-  const statics::ArmModel model = twoMuscles();
-  const VectorXd from = model.arm().inputAt(Eigen::Vector2d(0.9, 0.1)),
-                 to = model.arm().inputAt(Eigen::Vector2d(0.1, 0.9));
-  KeepOut keep_out;
-  keep_out.radii = {0.01};
-  clearance::Zone post{"post", clearance::Sphere{0.02}, {}};
-  post.X_WZ.translation = model.solve(to).tip.translation;
-  keep_out.zones = {post};
-  const auto channels = channelsOf(model.arm(), 3e5);
-  const Plan at_goal = PressurePlanner(model, keep_out, channels, {}).toPressures(from, to);
-  EXPECT_EQ(at_goal.reason.substr(0, 12), "at the goal ");
-  EXPECT_NE(at_goal.reason.find("post"), std::string::npos);
-  const Plan at_start = PressurePlanner(model, keep_out, channels, {}).toPressures(to, from);
-  EXPECT_EQ(at_start.reason.substr(0, 13), "at the start ");
-  const Plan far = PressurePlanner(model, keep_out, channels, {}).toTip(from, {5, 0, 0});
-  EXPECT_NE(far.reason.find("out of reach"), std::string::npos);
-  // A wall across all that the arm can pass.
-  keep_out.zones[0].form = clearance::Box{{1, 1e-3, 1}};
-  keep_out.zones[0].X_WZ.translation = {0.8, 0, 0};
-  PlanOptions options;
-  options.longest = 0.3;
-  int calls = 0;
-  options.stops = [&](const PlanProgress& progress) {
-    ++calls;
-    return progress.seconds > 1e3;
-  };
-  const PressurePlanner planner(model, keep_out, channels, {});
-  ASSERT_TRUE(planner.check().isClear(from));
-  const Plan walled = planner.toPressures(from, to, options);
-  EXPECT_NE(walled.reason.find("no clear path was found within 0.3 s"), std::string::npos)
-      << walled.reason;
-  EXPECT_GT(calls, 0);
-}
-
 }  // namespace
 }  // namespace helix_arm::planning

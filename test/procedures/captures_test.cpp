@@ -1,21 +1,14 @@
 #include "procedures/captures.hpp"
 
-#include <algorithm>
 #include <cmath>
 #include <sstream>
 
 #include <gtest/gtest.h>
 
 #include "helix_arm/io/data_set.hpp"
-#include "helix_arm/io/fault_list.hpp"
 #include "helix_arm/localization/tag_layout.hpp"
-#include "procedures/calibration_job.hpp"
 #include "procedures/response_series.hpp"
-#include "simulation/rig.hpp"
-#include "support/random.hpp"
-#include "support/refusal.hpp"
 #include "support/scene_text.hpp"
-#include "support/shipped_scene.hpp"
 #include "support/table_faults.hpp"
 #include "support/temporary_file.hpp"
 
@@ -77,28 +70,6 @@ TEST(Captures, CornersAreUndistorted) {
   }
 }
 
-TEST(Captures, KindsAreIdentifiedByTheirColumns) {
-  const auto kind = [](const std::string& columns) {
-    io::DataSet data;
-    data.path = "data.csv";
-    std::istringstream names(columns);
-    for (std::string name; std::getline(names, name, ',');) data.columns.push_back(name);
-    return kindOf(data);
-  };
-  EXPECT_EQ(kind("pressure_1_kpa,curvature_rad,paper_tip_error_percent"), DataKind::kCurvatures);
-  EXPECT_EQ(kind("capture,tag,x_m"), DataKind::kTagPoses);
-  EXPECT_EQ(kind("capture,tag,x1_px"), DataKind::kTagCorners);
-  EXPECT_EQ(kind("pressure_kpa,length_m"), DataKind::kLengths);
-  EXPECT_EQ(
-      test::refusal<io::DocumentError>([&] { kind("a_m,b_m"); }),
-      "data.csv has none of the columns that identify its kind of data; expected curvature_rad "
-      "of curvatures, x_m of tag poses or a series of the tip, x1_px of tag corners, length_m of "
-      "free lengths: convert what it has, and rename its columns");
-  EXPECT_EQ(test::refusal<io::DocumentError>([&] { kind("curvature_rad,x_m"); }),
-            "data.csv has columns curvature_rad of curvatures and x_m of tag poses; expected only "
-            "one of them");
-}
-
 TEST(Captures, WhatDoesNotFitItsSceneIsAFault) {
   const io::Scene planar = sceneOf(kPlanarScene), spatial = sceneOf(kSpatialScene);
   const std::string row = "1,0,0,0,0,50,0,1,0,0,0,0,0,0,1\n";
@@ -106,86 +77,19 @@ TEST(Captures, WhatDoesNotFitItsSceneIsAFault) {
     const io::Scene& scene;
     std::string data, faults;
   } cases[] = {
-      {planar, "pressure_1_kpa,curvature_rad\n0,0.1\n100,nan\n",
-       ":3 curvature_rad is not a finite number; expected one"},
-      {planar, "pressure_1_kpa,curvature_rad\n0,0.1\n100,-0.2\n",
-       ":3 curvature_rad is negative; expected a finite value >= 0"},
       {planar, "pressure_1_kpa,pressure_3_kpa,curvature_rad\n0,0,0.1\n",
        " column 'pressure_3_kpa' belongs to no actuator; expected pressures in pressure_1_kpa to "
        "pressure_2_kpa"},
       {spatial,
        kPoseHeader + "1,0,0,0,0,50,0,20,0,0,0,0,0,0,1\n" + "1,0,0,0,0,50,0,18,0,0,0,0,0,0,1\n",
        " holds no tag of scene rig but only 18, 20; expected 3, 1, 0: is it of another arm?"},
-      {spatial, kCornerHeader + "1,0,0,0,0,50,0,20,1,1,2,2,3,3,4,4\n",
-       " holds no tag of scene rig but only 20; expected 3, 1, 0: is it of another arm?"},
-      {spatial, "pressure_5_kpa,curvature_rad\n50,0.1\n",
-       " holds curvatures, which apply to arms of one section, but scene rig has 2"},
       {planar, "pressure_1_kpa,pressure_2_kpa,curvature_rad\n0,401,0.1\n-1,0,0.1\n0,0,0\n",
        ":2 pressure_2_kpa is not within the limits of muscle_2, 0 kPa to 400 kPa\n"
        ":3 pressure_1_kpa is not within the limits of muscle_1, 0 kPa to 400 kPa"},
-      {spatial, kPoseHeader + "1,0,0,0,0,0,0,1,0,0,0,0,0,0,1\n",
-       ":2 pressure_5_kpa is not within the limits of muscle_5, 10 kPa to 90 kPa"},
       {spatial, kPoseHeader + row + row,
        ":3 measures the tag of line 2 again in the same capture; expected it once"},
   };
   for (const auto& [scene, data, faults] : cases) EXPECT_EQ(faultsOf(scene, data), faults);
-}
-
-// The tip error of a scene, from the tags of captures.
-
-const io::Scene& demo() {
-  static const io::Scene kScene = test::demo();
-  return kScene;
-}
-
-// What exact tags of the true arm show, all of them seen; and the distances of its tips from those
-// of the model.
-struct Seen {
-  std::vector<estimation::Capture> captures;
-  std::vector<double> distances;
-};
-Seen seen(const simulation::ArmDeviation& deviation) {
-  const simulation::TrueArm truth(demo().model, deviation);
-  Seen out;
-  for (int k = 0; k < 5; ++k) {
-    Eigen::VectorXd pressure = Eigen::VectorXd::Zero(3);
-    pressure[k % 3] = 6e4 * (k + 1);
-    const model::Shape shape = truth.shape(pressure);
-    const std::vector<lie::SE3> tags = estimation::tagPoses(*demo().tags, shape);
-    std::vector<estimation::PoseObservation> poses;
-    for (int tag = 0; tag < static_cast<int>(tags.size()); ++tag) {
-      poses.push_back({tag, tags[static_cast<std::size_t>(tag)]});
-    }
-    out.captures.push_back({k, pressure, poses});
-    out.distances.push_back(
-        (model::tipPose(shape).translation - demo().model.solve(pressure).tip.translation).norm());
-  }
-  std::sort(out.distances.begin(), out.distances.end());
-  return out;
-}
-
-TEST(TipError, IsTheMedianDistanceOfTheModelsTipFromThatOfTheTags) {
-  simulation::ArmDeviation deviation;
-  deviation.length_scale = 1.02;
-  const Seen data = seen(deviation);
-  ASSERT_GT(data.distances[2], 0.004) << "the arms must differ";
-  const auto error = medianTipError(demo(), data.captures);
-  ASSERT_TRUE(error);
-  EXPECT_NEAR(*error, data.distances[2], 0.05 * data.distances[2]);
-  EXPECT_LT(medianTipError(demo(), seen({}).captures).value(), 1e-5) << "the model is the arm";
-}
-
-TEST(TipError, LeavesOutWhatShowsNoTagsAndIsEmptyWithoutTags) {
-  Seen data = seen({});
-  data.captures.push_back({9, Eigen::VectorXd::Zero(3), estimation::CurvatureReading{}});
-  data.captures.push_back(
-      {10, Eigen::VectorXd::Zero(3), std::vector<estimation::PoseObservation>{}});
-  EXPECT_TRUE(medianTipError(demo(), data.captures));
-  data.captures.erase(data.captures.begin(), data.captures.begin() + 5);
-  EXPECT_FALSE(medianTipError(demo(), data.captures));
-  io::Scene blind = demo();
-  blind.tags.reset();
-  EXPECT_FALSE(medianTipError(blind, seen({}).captures));
 }
 
 constexpr double kReading = 0.01;  // period [s]
@@ -194,8 +98,6 @@ constexpr double kLate = 0.06;  // of a tip
 
 Eigen::Vector2d pressureAt(double time) { return {1e4 * time, 2e5 - 1e4 * time}; }
 Eigen::Vector3d tipAt(double time) { return {0.4, 0.01 * time, -0.02 * time}; }
-
-const Eigen::VectorXd kPressure = Eigen::VectorXd::Constant(1, 1e5);
 
 bool seen(const ResponseSeries& series, Eigen::Index row) {
   return series.reading.row(row).allFinite();
@@ -225,11 +127,6 @@ class Arm {
   std::deque<double> stamps_;
 };
 
-auto trialsOf(const SeriesRecord& record) {
-  const std::vector<bool> starts = record.series().history.starts_anew;
-  return std::count(starts.begin(), starts.end(), true);
-}
-
 void expectAscending(const model::InputHistory& history) {
   for (std::size_t k = 1; k < history.time.size(); ++k) {
     EXPECT_TRUE(history.starts_anew[k] || history.time[k] > history.time[k - 1]) << k;
@@ -255,59 +152,6 @@ TEST(SeriesRecord, JoinsEveryTipWithThePressuresAtItsTime) {
   }
   EXPECT_NEAR(tips, 5 / kPicture, 2);
   EXPECT_EQ(arm.record.leftOut(), 0u);
-}
-
-TEST(SeriesRecord, KnowsThePressuresWhileNoPictureComes) {
-  Arm arm;
-  arm.run(2);
-  arm.run(4, false);
-  arm.run(2);
-  const ResponseSeries series = arm.record.series();
-  expectAscending(series.history);
-  const double blind = 1.7e9 + 2, sighted = 1.7e9 + 6;
-  int rows = 0;
-  for (Eigen::Index row = 1; row < series.history.rows(); ++row) {
-    const auto k = static_cast<std::size_t>(row);
-    const double time = series.history.time[k];
-    EXPECT_FALSE(series.history.starts_anew[k]);
-    EXPECT_LE(time - series.history.time[k - 1], SeriesRecord::kSpacing + 1e-6) << row;
-    if (time <= blind + 1e-3 || time >= sighted) continue;
-    EXPECT_FALSE(seen(series, row));
-    ++rows;
-  }
-  EXPECT_NEAR(rows, 4 / SeriesRecord::kSpacing, 4);
-}
-
-TEST(SeriesRecord, ATimeThatGoesBackStartsANewTrial) {
-  SeriesRecord record(1);
-  for (const double start : {100.0, 50.0}) {
-    for (int k = 0; k < 300; ++k) {
-      record.measured(start + kReading * k, kPressure);
-      if (k % 5 == 0) record.seen(start + kReading * k, tipAt(0));
-    }
-  }
-  const ResponseSeries series = record.series();
-  expectAscending(series.history);
-  int tips = 0;
-  for (std::size_t k = 0; k < series.history.time.size(); ++k) {
-    tips += series.history.time[k] < 99 && seen(series, static_cast<Eigen::Index>(k));
-  }
-  EXPECT_EQ(trialsOf(record), 2);
-  EXPECT_NEAR(tips, 60, 1) << "of the second trial";
-}
-
-TEST(SeriesRecord, PressuresThatAreMissingForLongStartANewTrial) {
-  SeriesRecord record(1);
-  double time = 0;
-  const auto go = [&](double gap) {
-    time += gap;
-    for (int k = 0; k < 100; ++k) record.measured(time += kReading, kPressure);
-  };
-  go(0);
-  go(0.9 * SeriesRecord::kGap);
-  EXPECT_EQ(trialsOf(record), 1);
-  go(1.1 * SeriesRecord::kGap);
-  EXPECT_EQ(trialsOf(record), 2);
 }
 
 TEST(SeriesRecord, IsReadBackAsItWasWritten) {

@@ -6,8 +6,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <map>
-#include <string>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -92,7 +90,6 @@ struct Set {
 struct Tally {
   int sets = 0, refused = 0;
   double taken = 0, kept = 0, kept_of_refused = 0;  // squares of K_kappa's error, of all
-  std::map<std::string, int> reasons;
 };
 
 // K_kappa's error is that of the joint fit where the curve is taken, and that of the fit with the
@@ -118,7 +115,6 @@ Tally tallyOf(const Kind& kind, double friction, int sets, unsigned seed) {
     }
     ++out.refused;
     out.kept_of_refused += kept;
-    ++out.reasons[fit.verdict.reason.substr(0, 30)];
   }
   std::printf(
       "%s, friction %g Pa: %d of %d refused; K_kappa, RMS in standard errors: %.2f taken, "
@@ -126,7 +122,6 @@ Tally tallyOf(const Kind& kind, double friction, int sets, unsigned seed) {
       kind.name, friction, out.refused, out.sets,
       std::sqrt(out.taken / std::max(1, out.sets - out.refused)), std::sqrt(out.kept / out.sets),
       std::sqrt(out.kept_of_refused / std::max(1, out.refused)));
-  for (const auto& [reason, count] : out.reasons) std::printf("  %d: %s\n", count, reason.c_str());
   return out;
 }
 
@@ -153,18 +148,6 @@ TEST(CurveInArm, OfMusclesWithFrictionInTheArmIsRefused) {
     const Tally found = tallyOf(kind, 30e3, sets, 5000);
     EXPECT_GE(found.refused, test::isFullSize() ? 36 : test::leastOf(sets, 0.95)) << kind.name;
   }
-}
-
-// A length tells the pressure at which K_kappa is taken only on the scene's curve.
-TEST(CurveInArm, IsRefusedBesideATableOfKKappa) {
-  Set set(kKinds[1], 0, 1);
-  auto section = test::ringSection({3, 0.0254, 0, {10, 0, 1e-4}}, set.curve.curve.value());
-  section.bending = model::StiffnessTable{{0, test::kMaxPressure}, {1, 2}};
-  set.arms.front().arm = model::Arm({section});
-  CalibrationOptions options;
-  options.fit.insert(FitParameter::kContraction);
-  const std::string reason = estimation::calibrate(set.arms, options).reason;
-  EXPECT_NE(reason.find("K_kappa depends on pressure"), std::string::npos) << reason;
 }
 
 }  // namespace

@@ -5,12 +5,10 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/follow/path_check.hpp"
 #include "helix_arm/io/calibrated_scene.hpp"
 #include "procedures/contact_proof.hpp"
 #include "procedures/follow_run.hpp"
 #include "support/has.hpp"
-#include "support/refusal.hpp"
 #include "support/scene_text.hpp"
 #include "support/shipped_scene.hpp"
 #include "support/temporary_file.hpp"
@@ -46,15 +44,6 @@ Eigen::Matrix2d stiffnessCovariance(const ArmFilterOptions& filter) {
          deviation.asDiagonal();
 }
 
-TEST(LoopConfig, IsTheSectionOfTheScene) {
-  const follow::VisualServoConfig config =
-      loopConfigOf(sceneOf("follow: {smoothing_s: 0.4, hysteresis: 0.1}\n"));
-  EXPECT_EQ(config.smoothing, 0.4);
-  EXPECT_EQ(config.filter.hysteresis, 0.1);
-  EXPECT_EQ(config.filter.length_deviation, ArmFilterOptions().length_deviation);
-  EXPECT_NO_THROW(config.validate());
-}
-
 // A load out of the plane makes the fit spatial.
 TEST(LoopConfig, IsPlanarWhereTheFitIs) {
   EXPECT_TRUE(loopConfigOf(sceneOf("")).filter.planar);
@@ -77,30 +66,6 @@ TEST(LoopConfig, ACalibratedSceneStartsWithItsStandardErrors) {
   EXPECT_EQ(filter.stiffness_deviation.tau, ArmFilterOptions().stiffness_deviation.tau);
   EXPECT_NEAR(filter.K_eps_deviation, 0.1, 1e-12);
   EXPECT_NEAR(filter.length_deviation, 0.005, 1e-12);
-}
-
-TEST(LoopConfig, OfSeveralLengthScalesTheLeastCertainCounts) {
-  const ArmFilterOptions filter = filterOf(
-      "length_scale_muscle_1: {value: 1.01, standard_error: 0.001, identifiable: true}, "
-      "length_scale_muscle_2: {value: 1, standard_error: 0.003, identifiable: true}, "
-      "stroke_scale_muscle_1: {value: 1.25, standard_error: 0.01, identifiable: true}");
-  EXPECT_NEAR(filter.length_deviation, 0.003, 1e-12);
-  EXPECT_NEAR(filter.stroke_deviation, 0.008, 1e-12);
-}
-
-TEST(LoopConfig, WhatTheCalibrationDidNotFindIsAsUncertainAsBefore) {
-  const ArmFilterOptions usual,
-      filter = filterOf(
-          "K_gamma: {value: 100, standard_error: 1, identifiable: false}, "
-          "K_kappa: {value: 0, standard_error: 1, identifiable: true}, "
-          "length: {value: 1, standard_error: 0.5, identifiable: true}");
-  EXPECT_EQ(filter.stiffness_deviation.gamma, usual.stiffness_deviation.gamma);
-  EXPECT_EQ(filter.stiffness_deviation.kappa, usual.stiffness_deviation.kappa);
-  EXPECT_EQ(filter.length_deviation, usual.length_deviation);
-  const ArmFilterOptions sure =
-      filterOf("K_kappa: {value: 1.0e-4, standard_error: 0, identifiable: true}");
-  EXPECT_GT(sure.stiffness_deviation.kappa, 0) << "a filter needs a deviation";
-  EXPECT_LT(sure.stiffness_deviation.kappa, 1e-3);
 }
 
 TEST(LoopConfig, ACombinationThatIsKnownIsKnownToTheFilter) {
@@ -156,9 +121,6 @@ TEST(LoopConfig, PlacementsCountAsTheCalibrationFoundThem) {
   EXPECT_EQ(uncalibratedTags(*scene.tags, {0, 1, 2, 3}), (std::vector<int>{2, 3}))
       << "3 is as a tag that was added later";
   EXPECT_TRUE(uncalibratedTags(*before.tags, {0, 1, 2, 3}).empty());
-  EXPECT_EQ(uncalibratedText({2, 5}),
-            "no capture of the calibration shows the tags 2, 5, which count little: calibrate "
-            "again with captures that show them");
 
   // A camera that was placed anew is where nobody calibrated it.
   const test::TemporaryFile file(text);
@@ -175,33 +137,6 @@ using test::has;
 
 ContactProof proofOf(const estimation::QuietScore& quiet, const io::Scene& scene = demo()) {
   return contactProof(scene, quiet);
-}
-
-// Of the scene, and as the loop has learnt it of the rig.
-TEST(QuietPath, IsAPathThatModelAndTrueArmCanFollowWithRests) {
-  const io::Scene scene = demo(), truth = demo({{"arm.stiffness.K_gamma", "60"},
-                                                {"arm.stiffness.K_kappa_m2", "1.176e-4"},
-                                                {"arm.sections[0].ring.length_scale", "1.01"}});
-  for (const std::uint32_t seed : {1, 2, 3}) {
-    const control::TipPath path = quietPath(scene, 400, seed);
-    const auto refusal = checkPath(scene, path);
-    EXPECT_FALSE(refusal) << (refusal ? refusal->reason : "");
-    statics::InverseSolver solver(truth.model);
-    const Eigen::VectorXd slew = Eigen::VectorXd::Constant(3, truth.follow.slew);
-    const auto refused =
-        follow::checkPath(path, truth.arm, solver, truth.arm.inputAt(0.3), {0.05, slew});
-    EXPECT_FALSE(refused) << (refused ? refused->reason : "");
-    EXPECT_GE(path.lastTime(), 400);
-    double rests = 0, fastest = 0;
-    for (double time = 0; time < path.lastTime(); time += 0.01) {
-      const double speed = path.at(time).velocity.norm();
-      fastest = std::max(fastest, speed);
-      if (speed == 0) rests += 0.01;
-    }
-    EXPECT_GT(rests, 0.6 * path.lastTime());
-    EXPECT_GT(fastest, 0.08) << "slow moves prove nothing";
-  }
-  EXPECT_NE(quietPath(scene, 9, 1).at(0).position, quietPath(scene, 9, 2).at(0).position);
 }
 
 TEST(ContactProof, TheLimitIsTwiceTheHighestScoreAndAtLeastTheDefault) {

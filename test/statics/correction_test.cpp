@@ -1,7 +1,5 @@
 #include "helix_arm/statics/correction.hpp"
 
-#include <cmath>
-
 #include <gtest/gtest.h>
 
 #include "helix_arm/model/curve.hpp"
@@ -58,27 +56,6 @@ TEST(Correct, BringsTheCorrectedArmToTheTargetAndToItsTwists) {
       ASSERT_EQ(twists.status, InverseStatus::kReached) << k;
       ASSERT_LE((expectedTwists(arm, correction, twists.input) - target).norm(), 3e-5) << k;
     }
-  }
-}
-
-TEST(Correct, BringsALoadedArmToTheTarget) {
-  const ArmModel nominal = loadedModel();
-  test::Random random(4);
-  InverseSolver solver(nominal);
-  CorrectedModel corrected(nominal);
-  for (int k = 0; k < 5; ++k) {
-    const Correction correction = randomCorrection(nominal.arm(), random);
-    corrected.set(correction);
-    solver.correct(correction);
-    const Eigen::VectorXd input = test::randomInput(nominal.arm(), random);
-    const auto shape = corrected.shape(nominal.arm().lengths(input));
-    ASSERT_TRUE(shape);
-    const Eigen::Vector3d target = model::tipPose(*shape).translation;
-    const InverseResult& result = solver.toPosition(target, nominal.arm().inputAt(0.5));
-    ASSERT_EQ(result.status, InverseStatus::kReached) << k;
-    const auto reached = corrected.shape(nominal.arm().lengths(result.input));
-    ASSERT_TRUE(reached);
-    EXPECT_LE((model::tipPose(*reached).translation - target).norm(), 2e-6) << k;
   }
 }
 

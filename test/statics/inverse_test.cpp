@@ -62,31 +62,6 @@ TEST(Preference, FindsTheBestAlongTheOneSpareMotionOfFourMuscles) {
   }
 }
 
-TEST(Preference, CountsTheMotionsThatTheMusclesMakeNotThoseThatResist) {
-  // Three parallel muscles in a plane reach a tip of the plane with one to spare.
-  model::Section section;
-  for (const double y : {0.04, 0.0, -0.04}) {
-    section.actuators.push_back({"muscle",
-                                 {Eigen::Matrix3d::Identity(), {0, y, 0}},
-                                 {10, 0, 1.38e-4},
-                                 test::fig3Muscle(),
-                                 {0, test::kMaxPressure}});
-  }
-  const model::Arm arm({section});
-  const Eigen::Vector3d target = arm.tip(Eigen::Vector3d(2.5e5, 2e5, 1e5)).translation;
-  double cost[2] = {0, 0};
-  for (const int k : {0, 1}) {
-    InverseOptions options;
-    options.preference = k == 0 ? Preference::kMinPressure : Preference::kCocontraction;
-    options.cocontraction = 0.9;
-    InverseSolver solver(arm, options);
-    const InverseResult& result = solver.toPosition(target, arm.inputAt(0.5));
-    ASSERT_EQ(result.status, InverseStatus::kReached);
-    cost[k] = preferenceCost(arm, result.input, arm.inputAt(0));
-  }
-  EXPECT_LT(cost[0], 0.97 * cost[1]);
-}
-
 TEST(Inverse, WarmStartNeedsFewIterations) {
   const model::Arm arm = test::ringArm(test::helicalRing());
   InverseSolver solver(arm);
@@ -175,16 +150,6 @@ TEST(Inverse, ConvergesForTargetsAnywhere) {
   }
 }
 
-TEST(Inverse, ForgetsAFarTargetBeforeANearOne) {
-  const model::Arm arm = test::ringArm(test::straightRing());
-  InverseSolver solver(arm);
-  const Eigen::VectorXd away = solver.toPosition({1e6, 3e5, 2e5}, arm.inputAt(0)).input;
-  const Eigen::Vector3d target = arm.tip(Eigen::Vector3d(1e5, 2e5, 5e4)).translation;
-  const InverseResult& result = solver.toPosition(target, away);
-  EXPECT_EQ(result.status, InverseStatus::kReached);
-  EXPECT_LE((arm.tip(result.input).translation - target).norm(), 1e-6);
-}
-
 TEST(Inverse, ReportsActiveLimits) {
   const model::Arm arm = test::ringArm(test::straightRing());
   InverseSolver solver(arm);
@@ -213,7 +178,7 @@ TEST(Inverse, OfAPlateauStartsFromItsFlatEnd) {
 }
 
 TEST(Inverse, DoesNotAllocate) {
-  for (const auto& [count, sections] : {std::pair(3, 1), {3, 2}, {5, 2}}) {
+  for (const auto& [count, sections] : {std::pair(3, 1), {5, 2}}) {
     const model::Arm arm = test::ringArm(test::helicalRing(count), sections);
     InverseSolver solver(arm);
     const Eigen::VectorXd start = arm.inputAt(0.5);
@@ -263,35 +228,6 @@ TEST(Inverse, ReachesRandomTips) {
   const int count = test::draws(20000, 500000);
   EXPECT_EQ(failuresToPosition(test::ringArm(test::straightRing()), count, 91), 0);
   EXPECT_EQ(failuresToPosition(test::ringArm(test::helicalRing()), count, 92), 0);
-}
-
-TEST(Inverse, ReachesTipsOfManyKindsOfArm) {
-  for (const int count : {2, 4, 6, 8}) {
-    EXPECT_EQ(failuresToPosition(test::ringArm(test::straightRing(count)), 2000, 93), 0);
-    EXPECT_EQ(failuresToPosition(test::ringArm(test::helicalRing(count)), 2000, 94), 0);
-  }
-  for (const int sections : {2, 3}) {
-    EXPECT_EQ(failuresToPosition(test::ringArm(test::straightRing(), sections), 2000, 95), 0);
-    EXPECT_EQ(failuresToPosition(test::ringArm(test::helicalRing(), sections), 2000, 96), 0);
-  }
-}
-
-TEST(Inverse, ReachesTipsAtTheLimits) {
-  // Every input at a limit of its own: the corners and edges of what the arm can do.
-  for (const auto& ring : {test::straightRing(), test::helicalRing()}) {
-    const model::Arm arm = test::ringArm(ring);
-    InverseSolver solver(arm);
-    test::Random random(97);
-    for (int i = 0; i < 5000; ++i) {
-      Eigen::VectorXd q = test::randomInput(arm, random);
-      for (int k = 0; k < 3; ++k) {
-        const int side = random.integer(0, 2);
-        if (side < 2) q[k] = side == 0 ? 0 : test::kMaxPressure;
-      }
-      const InverseResult& result = solver.toPosition(arm.tip(q).translation, arm.inputAt(0.5));
-      EXPECT_EQ(result.status, InverseStatus::kReached) << q.transpose();
-    }
-  }
 }
 
 // Thin soft arms bend to more than a circle: the tip comes back to the base, where turning the
@@ -389,28 +325,6 @@ TEST(LoadedInverse, FindsInputsOfReachableTips) {
       }
       EXPECT_EQ(missed, 0) << "order " << order;
       EXPECT_LE(linear_hits, 2);  // the load matters here
-    }
-  }
-}
-
-TEST(LoadedInverse, ReachesPosesAndMeanTwists) {
-  const model::Arm arm = test::softHelicalArm();
-  const Load load = test::weight(Posture::kHorizontal, 0.2, 900);
-  test::Random random(41);
-  for (const auto& [tier, order] :
-       {std::pair<Tier, std::optional<int>>{Tier::kLoaded, 5},
-        std::pair<Tier, std::optional<int>>{Tier::kExact, std::nullopt}}) {
-    const ArmModel model = modelOf(arm, load, tier, order);
-    InverseSolver solver(model);
-    for (int i = 0; i < 3; ++i) {
-      const Eigen::VectorXd q = test::randomInput(arm, random);
-      const Solution target = model.solve(q);
-      EXPECT_EQ(solver.toPose(target.tip, arm.inputAt(0.5)).status, InverseStatus::kReached);
-      const InverseResult& result = solver.toTwists(target.shape.twists(), arm.inputAt(0.5));
-      EXPECT_EQ(result.status, InverseStatus::kReached) << result.residual;
-      EXPECT_LT((model.solve(result.input).shape.twists() - target.shape.twists()).norm(), 1e-4);
-      // Three muscles: the inputs that make this shape are the only ones.
-      EXPECT_LT((result.input - q).cwiseAbs().maxCoeff(), 200.0);
     }
   }
 }

@@ -13,7 +13,6 @@
 #include "helix_arm/statics/exact.hpp"
 #include "helix_arm/statics/loaded.hpp"
 #include "helix_arm/statics/stiffness_by_input.hpp"
-#include "lie/jacobian_slope.hpp"
 #include "statics/arms_under_load.hpp"
 
 namespace helix_arm::statics {
@@ -265,47 +264,6 @@ TEST(Jacobian, WithoutLoadIsTheDerivativeByLengthsInputsStiffnessAndLoad) {
   EXPECT_FALSE(jacobianAt(ArmModel(tapered), tapered.inputAt(0.4)).by_load);
 }
 
-// One muscle in the middle turns about itself as it likes.
-TEST(Jacobian, IsNanWhereAnEntryWouldResistWhatNothingElseDoes) {
-  Ring ring = straightRing(1);
-  ring.radius = 0.0;
-  const model::Arm arm = ringArm(ring);
-  ASSERT_LT(arm.equilibrium(0).rank, 6);
-  const Load load = weight(Posture::kHanging, 0.1, 900);
-  for (const TierSetting& setting : {kLinearTier, loadedTier(5), kExactTier}) {
-    const ShapeJacobian found =
-        jacobianAt(ArmModel(arm, std::nullopt, load, setting), arm.inputAt(0.3));
-    ASSERT_EQ(found.status, SolveStatus::kConverged);
-    EXPECT_TRUE(found.by_stiffness->tip.col(0).allFinite());
-    EXPECT_TRUE(found.by_stiffness->tip.col(1).array().isNaN().all());
-    EXPECT_TRUE(found.by_stiffness->tip.col(2).allFinite());
-  }
-}
-
-constexpr double kMostOrderError = 5e-6;  // of the mean twists
-
-// Without load, the response to one is that of the exact tier at a vanishing load, whatever the
-// load that the linear tier leaves out.
-void expectResponseOfTheUnloadedArm(const model::Arm& arm, const Load& load,
-                                    const Eigen::VectorXd& q, const std::string& what) {
-  const ArmModel linear(arm, std::nullopt, load, kLinearTier);
-  const ShapeJacobian found = jacobianAt(linear, q);
-  EXPECT_EQ(found.status, SolveStatus::kConverged) << what;
-  Load vanishing = load;
-  vanishing.points.clear();
-  for (double& mass : vanishing.mass) mass = 1e-9;
-  const ArmModel exact(arm, std::nullopt, vanishing, kExactTier);
-  const ShapeJacobian expected = jacobianAt(exact, q);
-  ASSERT_EQ(expected.status, SolveStatus::kConverged) << what;
-  ASSERT_TRUE(found.by_load) << what;
-  EXPECT_LT((found.by_load->tip - expected.by_load->tip).norm(),
-            kMostOrderError * expected.by_load->tip.norm())
-      << what;
-  EXPECT_LT((found.by_load->twists - expected.by_load->twists).norm(),
-            kMostOrderError * expected.by_load->twists.norm())
-      << what;
-}
-
 const StiffnessTable kStiffening{{0, 1.5e5, kMaxPressure}, {1, 1.5, 4}};
 
 class JacobianByPressure : public ::testing::TestWithParam<model::BendingTable::Argument> {};
@@ -323,67 +281,6 @@ TEST_P(JacobianByPressure, FollowsAKKappaThatDependsOnIt) {
   }
   load.tables = {kTable, {}};
   expectDerivatives({"K_kappa and K_eps", arm, load, loadedTier(5), q}, 3 * kAgreement);
-  expectResponseOfTheUnloadedArm(arm, load, q, "K_kappa and K_eps");
-}
-
-TEST(Jacobian, ByALoadIsThatOfTheExactTierAtAVanishingLoad) {
-  const Eigen::VectorXd q = Eigen::Vector3d(1.3e5, 1.3e5, 1.0e5);
-  Load load = weight(Posture::kHorizontal, 0.3, 200);
-  expectResponseOfTheUnloadedArm(softHelicalArm(), load, q, "one stiffness");
-  expectResponseOfTheUnloadedArm(taperedArm(), load, q, "taper");
-  expectResponseOfTheUnloadedArm(softHelicalArm(), weight(Posture::kHorizontal, 30, 5), q, "heavy");
-  load.tables = {{{0, 1e5, 2e5, kMaxPressure}, {3.2, 1, 2.6, 3.7}}};
-  expectResponseOfTheUnloadedArm(softHelicalArm(), load, q, "table");
-}
-
-// Few actuators take differences, more of them linear equations.
-TEST(Jacobian, OfTheTipIsNanWithoutEquilibriumInEveryTier) {
-  // Nothing resists a moment about the one muscle in the middle.
-  Ring ring = straightRing(1);
-  ring.radius = 0.0;
-  Load twisting = weight(Posture::kHanging, 0.1, 900);
-  twisting.points.emplace_back();
-  twisting.points.back().moment = Eigen::Vector3d(1, 0, 0);
-  const Load heavy = weight(Posture::kHorizontal, 400.0, 50);
-  for (const ArmModel& model :
-       {ArmModel(ringArm(ring), std::nullopt, twisting, loadedTier(5)),
-        ArmModel(ringArm(ring), std::nullopt, twisting, kExactTier),
-        ArmModel(ringArm(helicalRing(6)), std::nullopt, heavy, loadedTier(5))}) {
-    const Eigen::VectorXd lengths = model.arm().lengths(model.arm().inputAt(0.4));
-    const TipResponse found = model.tipResponse(lengths);
-    ASSERT_NE(found.status, SolveStatus::kConverged) << model.choice().setting.name();
-    EXPECT_EQ(found.by.cols(), lengths.size());
-    EXPECT_TRUE(found.by.array().isNaN().all());
-  }
-}
-
-// Derivatives under load against differences of tightly converged solutions, in every tier and
-// order.
-
-TEST(LoadedJacobian, TheSlopeOfASolvedRightJacobianIsItsDerivative) {
-  Random random(300);
-  for (int sample = 0; sample < 300; ++sample) {
-    // Both sides of the coefficients' switch, and near 0.
-    const double angle = sample % 3 == 0 ? random.logUniform(1e-9, 1e-2) : random.uniform(0.1, 5.5);
-    Vector6 xi, eta;
-    xi << random.direction<3>(), angle * random.direction<3>();
-    eta << random.direction<3>(), random.direction<3>();
-    const auto checkGroup = [&](auto group, const auto& at, const auto& of) {
-      using Group = decltype(group);
-      const auto slope = lie::solvedRightJacobianSlope(at, of);
-      for (int i = 0; i < Group::kDof; ++i) {
-        typename Group::Tangent expected = Group::Tangent::Zero();
-        for (const auto& [place, weight] : kCentral) {
-          constexpr double kStep = 5e-3;
-          const typename Group::Tangent there = at + place * kStep * Group::Tangent::Unit(i);
-          expected += weight / kStep * Group::solveRightJacobian(there, of);
-        }
-        EXPECT_LT((slope.col(i) - expected).norm(), 1e-9 * (1.0 + slope.norm())) << angle;
-      }
-    };
-    checkGroup(lie::SE3(), xi, eta);
-    checkGroup(lie::SE2(), lie::project(xi), lie::project(eta));
-  }
 }
 
 TEST(LoadedJacobian, EveryOrderAndTheExactTierAgreeWithDifferencesOfTheirOwnSolutions) {
@@ -394,23 +291,6 @@ TEST(LoadedJacobian, EveryOrderAndTheExactTierAgreeWithDifferencesOfTheirOwnSolu
     Load load = test::randomLoad(sections, random);
     const TierSetting setting = order > kMostOrder ? kExactTier : loadedTier(order);
     expectDerivatives({setting.name(), arm, load, setting, innerInput(arm, random)});
-  }
-}
-
-TEST(LoadedJacobian, HoldsForTaperedSections) {
-  Random random(303);
-  model::Section lower =
-      test::taperedSection(test::helicalRing(), {0.05, 0.04, 0.025}, {0.0, 0.25, 0.25});
-  lower.plate = 0.01;
-  const model::Arm two({lower, test::ringSection(test::helicalRing(), test::fig3Muscle())});
-  const model::Arm one = test::taperedArm(0.26);
-  for (const TierSetting& setting : {loadedTier(2), loadedTier(5), loadedTier(7), kExactTier}) {
-    Load load = test::randomLoad(1, random);
-    expectDerivatives({"one, " + setting.name(), one, load, setting, innerInput(one, random)},
-                      kAgreement, 1.0, 2);
-    load = test::randomLoad(2, random);
-    expectDerivatives({"two, " + setting.name(), two, load, setting, innerInput(two, random)},
-                      kAgreement, 1.0, 3);
   }
 }
 
@@ -425,24 +305,6 @@ TEST(LoadedJacobian, HoldsInThePlaneAndOutOfIt) {
   const ArmModel planar(arm, plane, load, loadedTier(5)),
       space(arm, std::nullopt, load, loadedTier(5));
   EXPECT_EQ(jacobianAt(planar, q).by_load->tip, jacobianAt(space, q).by_load->tip);
-  // The tip's response alone, solved in the plane.
-  using In = ActuatorChange<lie::SE2>;
-  using Space = ActuatorChange<lie::SE3>;
-  const Eigen::VectorXd lengths = arm.lengths(q);
-  for (const int order : {2, 5}) {
-    const auto flat = PlanarLoadedArm(plane, load, order)
-                          .tipBy(plane.unloadedOfLengths(lengths),
-                                 In(plane, &load, lengths, In::By::kLengthsAndStiffness));
-    const auto found = LoadedArm(arm, load, order)
-                           .tipBy(arm.unloadedOfLengths(lengths),
-                                  Space(arm, &load, lengths, Space::By::kLengthsAndStiffness));
-    ASSERT_EQ(flat.by.cols(), found.by.cols());
-    for (int i = 0; i < flat.by.cols(); ++i) {
-      EXPECT_LT((lie::embed(lie::SE2::Tangent(flat.by.col(i))) - found.by.col(i)).norm(),
-                1e-9 * (1e-3 + found.by.col(i).norm()))
-          << i;
-    }
-  }
 }
 
 TEST(LoadedJacobian, TheResponseOfTheTipIsThatOfTheWholeJacobian) {

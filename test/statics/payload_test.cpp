@@ -13,7 +13,6 @@
 #include "helix_arm/model/taper.hpp"
 #include "helix_arm/statics/attain.hpp"
 #include "statics/arms_under_load.hpp"
-#include "support/expect_refusal.hpp"
 #include "support/test_size.hpp"
 
 namespace helix_arm::statics {
@@ -322,44 +321,6 @@ TEST(Attain, AgreesWithAGridWhereStiffnessDependsOnPressure) {
   }
 }
 
-// A straight arm of three muscles under a pull P along it needs P / 3 of each, which is
-// K_eps (x - l) / l of a length x at the free length l(p).
-TEST(Attain, PullAlongAStraightArmIsSharedByTheMuscles) {
-  const model::Arm arm = test::ringArm(test::straightRing());
-  const Load load = test::weightless(1, 900);
-  const double rest = arm.freeLength(0), x = 0.95 * rest;
-  Vector6 g = Vector6::Zero();
-  g[0] = x;
-  PointLoad tip;
-  const model::Shape shape(model::Twists{g});
-  const AttainSolver solver(arm, load);
-  const double most = 900 * 3 * (x - arm.actuator(0).contraction.length(test::kMaxPressure)) / rest;
-  tip.force = {0.9 * most, 0, 0};
-  const Attainment held = solver.attain(shape, {tip});
-  EXPECT_TRUE(held.attainable);
-  for (int i = 0; i < 3; ++i) {
-    EXPECT_NEAR(900 * 3 * (x - arm.actuator(i).contraction.length(held.input[i])) / rest,
-                tip.force.x(), 1e-4 * most);
-    EXPECT_EQ(held.limits[i], Limit::kNone);
-  }
-  tip.force = {1.1 * most, 0, 0};
-  const Attainment missed = solver.attain(shape, {tip});
-  EXPECT_FALSE(missed.attainable);
-  EXPECT_NEAR(missed.missing.force.x(), 0.1 * most, 1e-4 * most);
-  EXPECT_LT(missed.missing.force.tail<2>().norm() + missed.missing.moment.norm(), 1e-6 * most);
-  for (int i = 0; i < 3; ++i) EXPECT_EQ(missed.limits[i], Limit::kUpper);
-}
-
-TEST(Attain, RefusesOtherShapesAndTolerances) {
-  const model::Arm arm = test::ringArm(test::straightRing());
-  const Load load = test::weightless(1, 900);
-  test::expectRefusal("tolerance is 0; expected", [&] { AttainSolver(arm, load, 0.0); });
-  test::expectRefusal("one per section", [&] { AttainSolver(arm, test::weightless(2, 900)); });
-  const AttainSolver solver(arm, load);
-  test::expectRefusal("2 sections; the arm has 1",
-                      [&] { solver.attain(model::Shape(model::Twists::Zero(6, 2))); });
-}
-
 // ---- payload ------------------------------------------------------------------------------------
 
 Load pushedAtTip(const ArmModel& model, const Eigen::Vector3d& force) {
@@ -494,39 +455,6 @@ TEST(Payload, PushThatBucklesTheArmIsCalledUnstable) {
   const double B = 900 * 3 * (1.38e-4 + 0.5 * 0.0254 * 0.0254);
   const double euler = std::pow(test::kPi / 2 / arm.restLength(), 2) * B;
   EXPECT_NEAR(found.force, euler, 0.25 * euler);
-}
-
-TEST(Payload, PlaceOutOfReachCarriesNothing) {
-  const model::Arm arm = test::ringArm(test::straightRing());
-  PayloadSolver solver(loadedModel(arm, test::weightless(1, 900)));
-  solver.moveTo({2, 0, 0});
-  EXPECT_FALSE(solver.isThere());
-  const Payload found = solver.along({0, 0, -1});
-  EXPECT_EQ(found.end, PayloadEnd::kUnreached);
-  EXPECT_EQ(found.force, 0);
-  EXPECT_TRUE(std::isnan(found.stiffness));
-}
-
-TEST(Payload, DirectionsAreUnitVectorsAndDistinct) {
-  const auto directions = payloadDirections();
-  for (int i = 0; i < directions.cols(); ++i) {
-    EXPECT_NEAR(directions.col(i).norm(), 1, 1e-15);
-    for (int j = 0; j < i; ++j) EXPECT_LT(directions.col(i).dot(directions.col(j)), 0.9);
-  }
-}
-
-TEST(Payload, RefusesWhatItCannotAnswer) {
-  const model::Arm arm = test::ringArm(test::straightRing());
-  const ArmModel model = loadedModel(arm, test::weightless(1, 900));
-  test::expectRefusal("K_eps_n in every section", [&] { PayloadSolver{ArmModel(arm)}; });
-  PayloadOptions options;
-  options.position_tolerance = 0;
-  test::expectRefusal("position_tolerance is 0", [&] { PayloadSolver(model, options); });
-  options = {0.01, {0, 0, std::nan("")}};
-  test::expectRefusal("moment", [&] { PayloadSolver(model, options); });
-  PayloadSolver solver(model);
-  solver.moveTo({0.4, 0, 0});
-  test::expectRefusal("the direction is", [&] { solver.along({0, 0, 0}); });
 }
 
 }  // namespace

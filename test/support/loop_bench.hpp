@@ -24,17 +24,12 @@ class LoopBench {
     double time_constant = 0.15;               // [s]
     double gain = 1.0;                         // of the true arm's motion over the model's
     double reading_noise = 2e3;                // [Pa]
-    double reading_offset = 0.0;               // of every channel's sensor [Pa]
     double twist_noise_v = 1e-4;               // [m]
     double twist_noise_w = 1e-3;               // [rad]
     lie::Vector6 push = lie::Vector6::Zero();  // what a force adds to the first section's twist
     lie::Vector6 lie = lie::Vector6::Zero();   // what pictures add to the first section's twist
     double stamp_shift = 0.0;                  // what is wrong with the stamps of pictures [s]
     std::optional<model::Twists> frozen;       // pictures show this shape, whatever the arm's
-    int steps_per_reading = 1;
-    // Sets of tags that pictures show in turn, and what each measures wrongly; none: unknown.
-    std::vector<std::vector<int>> tags = {};
-    std::vector<lie::Vector6> errors = {};
     unsigned seed = 1;
   };
 
@@ -74,13 +69,12 @@ class LoopBench {
   void step(bool sees = true) {
     ++steps_;
     pressure_ += -std::expm1(-kStep / options.time_constant) * (set_point_ - pressure_);
-    if (steps_ % options.steps_per_reading == 0) turn();
-    if (sees && steps_ % 3 == 0) takePicture();
+    turn();
+    if (sees && steps_ % 3 == 0) waiting_.push_back({time(), measured()});
     while (!waiting_.empty() && waiting_.front().stamp + options.latency <= time() + 1e-9) {
       const Picture& next = waiting_.front();
-      last = loop.picture(next.stamp + options.stamp_shift, time(), next.twists, covariance(),
-                          next.tags);
-      ++faults[last.fault];
+      ++faults[loop.picture(next.stamp + options.stamp_shift, time(), next.twists, covariance())
+                   .fault];
       waiting_.pop_front();
     }
   }
@@ -100,27 +94,16 @@ class LoopBench {
 
   follow::VisualServo loop;
   Options options;
-  estimation::Observation last;
   std::map<estimation::ObservationFault, int> faults;  // of all pictures
 
  private:
   struct Picture {
     double stamp;
     model::Twists twists;
-    std::optional<std::vector<int>> tags;
   };
-  void takePicture() {
-    waiting_.push_back({time(), measured(), std::nullopt});
-    if (options.tags.empty()) return;
-    const std::size_t set = static_cast<std::size_t>(pictures_++) % options.tags.size();
-    waiting_.back().tags = options.tags[set];
-    waiting_.back().twists.col(0) += options.errors.at(set);
-  }
   void turn() {
     Eigen::VectorXd reading = pressure_;
-    for (double& value : reading) {
-      value += options.reading_offset + options.reading_noise * random_.normal();
-    }
+    for (double& value : reading) value += options.reading_noise * random_.normal();
     const follow::Turn& turn = loop.reading(time(), set_point_, reading);
     if (turn.commands) set_point_ = turn.pressure;
   }
@@ -139,7 +122,7 @@ class LoopBench {
   Random random_;
   Eigen::VectorXd pressure_, set_point_;
   std::deque<Picture> waiting_;
-  int steps_ = 0, pictures_ = 0;
+  int steps_ = 0;
 };
 
 /// A visual servo on an arm that is softer in shear, stiffer in bending and longer than its model.

@@ -3,11 +3,9 @@
 #include <cmath>
 
 #include <gtest/gtest.h>
-#include <opencv2/imgproc.hpp>
 
 #include "helix_arm/model/curve.hpp"
 #include "support/picture_series.hpp"
-#include "support/refusal.hpp"
 #include "vision/frame_source.hpp"
 
 namespace helix_arm::vision {
@@ -21,38 +19,6 @@ double tipError(const Observation& observation, const model::Twists& truth) {
   return (model::tipPose(observation.fit.twists).translation - model::tipPose(truth).translation)
       .norm();
 }
-
-// One picture of an arm at rest or under pressure, and what may be done to it.
-class ArmLocalizerTest : public ::testing::Test {
- protected:
-  ArmLocalizerTest()
-      : view_(smallLayoutView()), arm_(test::ringArm(test::helicalRing())), camera_(makeCamera()) {}
-
-  simulation::SimulatedCamera makeCamera() const {
-    return {view_, TagFamily("36h11"), {}, simulation::SimulatedCameraConfig{}};
-  }
-
-  model::Twists twistsAt(double p1, double p2, double p3) const {
-    return arm_.twists(Eigen::Vector3d(p1, p2, p3));
-  }
-  cv::Mat picture(const model::Twists& twists) { return camera_.render(twists).clone(); }
-
-  // Paints over all visible tags but the first `kept`.
-  cv::Mat hideAllBut(cv::Mat gray, const model::Twists& twists, std::size_t kept) const {
-    const auto tags = estimation::visibleTags(view_, twists, 0.0);
-    for (std::size_t i = kept; i < tags.size(); ++i) {
-      const Eigen::Vector2d low = tags[i].corners.rowwise().minCoeff();
-      const Eigen::Vector2d high = tags[i].corners.rowwise().maxCoeff();
-      cv::rectangle(gray, cv::Point2d(low.x() - 6, low.y() - 6),
-                    cv::Point2d(high.x() + 6, high.y() + 6), 90, cv::FILLED);
-    }
-    return gray;
-  }
-
-  const estimation::ArmView view_;
-  const model::Arm arm_;
-  simulation::SimulatedCamera camera_;
-};
 
 class EachMode : public ::testing::TestWithParam<TrackingMode> {};
 
@@ -82,30 +48,6 @@ TEST_P(EachMode, AMovingArmIsMeasuredInEveryPicture) {
 INSTANTIATE_TEST_SUITE_P(Modes, EachMode,
                          ::testing::Values(TrackingMode::kFull, TrackingMode::kRegions,
                                            TrackingMode::kEdges));
-
-TEST_F(ArmLocalizerTest, FewerTagsThanAskedForMakeNoMeasurement) {
-  const model::Twists twists = twistsAt(1e5, 0, 0);
-  LocalizerConfig config;
-  config.min_tags = 3;
-  ArmLocalizer localizer(view_, config);
-  const Observation& two = localizer.locate(hideAllBut(picture(twists), twists, 2), twists);
-  EXPECT_EQ(two.detections.size(), 2u);
-  EXPECT_EQ(two.state, ObservationState::kTooFewTags);
-  EXPECT_EQ(localizer.locate(hideAllBut(picture(twists), twists, 3), twists).state,
-            ObservationState::kMeasured);
-}
-
-TEST_F(ArmLocalizerTest, TagsOfAnArmThatCannotHaveThisShapeAreNoFit) {
-  // The tags are glued on in another order than the scene says.
-  estimation::ArmView wrong = view_;
-  const std::size_t count = wrong.layout.tags.size();
-  for (std::size_t i = 0; i < count; ++i) {
-    wrong.layout.tags[i].id = view_.layout.tags[(7 * i + 3) % count].id;
-  }
-  ArmLocalizer localizer(wrong, {});
-  const model::Twists twists = twistsAt(1e5, 0, 0);
-  EXPECT_EQ(localizer.locate(picture(twists), twists).state, ObservationState::kNoFit);
-}
 
 // ---- Cameras that repeat a picture --------------------------------------------------------------
 

@@ -24,8 +24,8 @@ enum Body { kFrame, kMiddle, kTip };
 // The arm of the shipped scene with bodies, moving about 100 times a second; its model is 2 cm off.
 class BodyLocalizer : public ::testing::Test {
  protected:
-  explicit BodyLocalizer(const std::vector<io::Override>& changes = {})
-      : scene_(test::shippedScene("mocap", changes)),
+  BodyLocalizer()
+      : scene_(test::shippedScene("mocap")),
         localizer_(scene_.view(), procedures::localizerConfigOf(scene_)),
         bodies_(scene_.view(), scene_.simulation.bodies) {}
 
@@ -118,16 +118,6 @@ TEST_F(BodyLocalizer, NamesQuaternionsWithTheirScalarFirst) {
       "w, x, y, z");
 }
 
-TEST_F(BodyLocalizer, NamesAFrameWithItsYAxisUp) {
-  const lie::SE3 turn{Eigen::AngleAxisd(-M_PI / 2, Eigen::Vector3d::UnitX()).toRotationMatrix(),
-                      Eigen::Vector3d::Zero()};
-  expectNamed(
-      [&turn](Poses& poses) {
-        for (BodyPose& one : poses) one.X_CM = turn * one.X_CM;
-      },
-      "turned by 90 degrees about (-1.0, 0.0, 0.0)");
-}
-
 TEST_F(BodyLocalizer, ABodyThatTakesAnothersPlaceIsNamedAndNotUsed) {
   follow(20);
   for (int k = 0; k < 20; ++k) {
@@ -165,55 +155,6 @@ TEST_F(BodyLocalizer, LostBodiesLeaveTheOthersToMeasure) {
   const Observation& seen = see([](Poses& poses) { poses.resize(1); });
   EXPECT_EQ(seen.state, ObservationState::kTooFewTags) << nameOf(seen.state);
   EXPECT_EQ(see().state, ObservationState::kMeasured);
-}
-
-TEST_F(BodyLocalizer, SaysThatBaseOrFrameHaveMoved) {
-  follow(50);
-  ASSERT_FALSE(see().moved);
-  const lie::SE3 kick{Eigen::Matrix3d::Identity(), Eigen::Vector3d(0, 0.012, 0)};
-  std::optional<estimation::BaseMove> moved;
-  for (int k = 0; k < 100 && !moved; ++k) {
-    moved = see([&kick](Poses& poses) {
-              for (BodyPose& one : poses) one.X_CM = kick * one.X_CM;
-            }).moved;
-  }
-  ASSERT_TRUE(moved);
-  EXPECT_NE(moved->message().find("the frame of the poses or the arm's base"), std::string::npos);
-  EXPECT_NE(moved->message().find("--fit base"), std::string::npos);
-  EXPECT_NEAR(moved->xi.head<3>().norm(), 0.012, 0.003);
-}
-
-class WithoutRotations : public BodyLocalizer {
- protected:
-  WithoutRotations() : BodyLocalizer({{"bodies.2.noise", "{rotation_deg: 0}"}}) {}
-};
-
-TEST_F(WithoutRotations, APositionCountsWithThreeNumbers) {
-  ASSERT_EQ(scene_.tags->tags[kTip].noise->rotation, 0);
-  const estimation::TwistFit* fit = nullptr;
-  for (int k = 0; k < 20; ++k) {
-    // Whatever is told of its rotation has no effect.
-    const Observation& seen = see([](Poses& poses) {
-      poses[kTip].X_CM.rotation = Eigen::AngleAxisd(2, Eigen::Vector3d::UnitY()).toRotationMatrix();
-    });
-    ASSERT_EQ(seen.state, ObservationState::kMeasured);
-    EXPECT_LT(tipError(seen), 0.002);
-    fit = &seen.fit;
-  }
-  // It knows the tip's position as well as a body with rotation, within its lever.
-  EXPECT_LT(std::sqrt(fit->tip_covariance.trace()), 0.002);
-}
-
-class WithoutFrame : public BodyLocalizer {
- protected:
-  WithoutFrame() : BodyLocalizer({{"motion_capture", "{}"}}) {}
-};
-
-TEST_F(WithoutFrame, NothingIsMeasuredUntilItIsCalibrated) {
-  const Observation& seen = see();
-  EXPECT_EQ(seen.state, ObservationState::kNoFit);
-  EXPECT_EQ(seen.poses.size(), 3U);  // a calibration records them
-  EXPECT_NE(seen.fault.find("--fit base"), std::string::npos) << seen.fault;
 }
 
 }  // namespace

@@ -3,18 +3,14 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <iostream>
 
 #include <gtest/gtest.h>
-#include <opencv2/imgproc.hpp>
 
 #include "basics/median.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
 #include "simulation/camera.hpp"
 #include "support/has.hpp"
-#include "support/opencv_charuco.hpp"
 #include "support/random.hpp"
-#include "support/refusal.hpp"
 #include "support/test_size.hpp"
 #include "vision/charuco_board.hpp"
 
@@ -92,7 +88,6 @@ std::vector<BoardObservation> cornersOf(const Camera& camera, const std::vector<
   std::vector<BoardObservation> observations;
   for (const lie::SE3& pose : poses) {
     observations.push_back(boardCorners(camera, kBoard, pose, noise, random));
-    observations.back().name = "view_" + std::to_string(observations.size());
   }
   return observations;
 }
@@ -122,7 +117,7 @@ TEST(CameraCalibration, ExactCornersGiveTheCameraItself) {
   rational.distortion = {0.31, -0.12, 0.0008, -0.0006, 0.02, 0.2, -0.05, 0.01};
   const Camera plain{1280, 720, 700, 705, 630, 365, {}};
   for (const auto& [camera, coefficients] :
-       {std::pair{boardCamera(), 5}, {plain, 0}, {plain, 2}, {plain, 4}, {rational, 8}}) {
+       {std::pair{boardCamera(), 5}, {plain, 0}, {rational, 8}}) {
     SCOPED_TRACE(coefficients);
     const auto observations = cornersOf(camera, boardPoses(camera, 15, random), 0, random);
     const CameraCalibration found =
@@ -131,8 +126,6 @@ TEST(CameraCalibration, ExactCornersGiveTheCameraItself) {
     // OpenCV takes corners as floats.
     EXPECT_LT(worstPixel(found.camera, camera), 0.02);
     EXPECT_LT(found.rms, 1e-3);
-    EXPECT_EQ(found.camera.width, camera.width);
-    EXPECT_EQ(found.camera.height, camera.height);
   }
 }
 
@@ -155,8 +148,6 @@ TEST(CameraCalibration, TrueParametersLieWithinThreeStandardErrors) {
       ++count;
     }
   }
-  std::cout << off << " of " << count << " beyond 3 standard errors, median error "
-            << basics::medianOf(relative) << " standard errors\n";
   EXPECT_LE(off, test::isFullSize() ? count / 20 : test::mostOf(count, 0.0027));
   // 0.67 for normal errors; the larger of two estimates is on the safe side.
   EXPECT_GT(basics::medianOf(relative), 0.35);
@@ -186,47 +177,7 @@ TEST(CameraCalibration, AViewThatDoesNotFitIsLeftOutAndNamed) {
   for (std::size_t i = 0; i < found.views.size(); ++i) {
     EXPECT_EQ(found.views[i].used, i != 4) << i;
   }
-  EXPECT_EQ(found.views[4].name, "view_5");
-  EXPECT_TRUE(has(found.views[4].reason, "the larger of 0.3 px and three times the median"));
   EXPECT_NEAR(found.camera.fx / camera.fx, 1, 0.005);
-}
-
-TEST(CameraCalibration, TooFewViewsAreRefusedWithTheRemedy) {
-  Random random(7);
-  const Camera camera = boardCamera();
-  auto observations = cornersOf(camera, boardPoses(camera, 6, random), 0.2, random);
-  observations[0].corners.resize(20);
-  observations[1].corners.resize(20);
-  const CameraCalibration found = calibrateCamera(kBoard.parts(), sizeOf(camera), observations);
-  EXPECT_FALSE(found.success);
-  EXPECT_EQ(found.reason,
-            "4 of 6 pictures show 6 tags of the board or more; expected 5: print it with helix_arm "
-            "tags --board and take 15 pictures or more");
-  EXPECT_EQ(found.views[0].reason, "it shows 5 tags of the board; expected 6");
-  EXPECT_TRUE(found.parameters.empty());
-  EXPECT_EQ(calibrateCamera(kBoard.parts(), {}, {}).success, false);
-}
-
-TEST(CameraCalibration, ViewsOfOneRowOfCornersAreNotUsed) {
-  Random random(11);
-  const Camera camera = boardCamera();
-  const CharucoBoard board{10, 5, 0.02, 0.015};
-  std::vector<BoardObservation> observations;
-  for (const lie::SE3& pose : boardPoses(camera, 6, random)) {
-    BoardObservation observation{"", {}};
-    for (int id = 0; id < board.cornerCount(); ++id) {
-      const Eigen::Vector2d at = board.corner(id);
-      observation.corners.push_back(
-          {id, at, camera.project(pose * Eigen::Vector3d(at.x(), at.y(), 0)).value()});
-    }
-    observations.push_back(observation);
-  }
-  EXPECT_TRUE(calibrateCamera(board.parts(), sizeOf(camera), observations, {2}).success);
-  observations[2].corners.resize(9);
-  const CameraCalibration found = calibrateCamera(board.parts(), sizeOf(camera), observations, {2});
-  EXPECT_FALSE(found.views[2].used);
-  EXPECT_EQ(found.views[2].reason, "all inner chessboard corners that it shows are on one line");
-  EXPECT_TRUE(found.success);
 }
 
 TEST(BoardObservation, HoldsOnlyTagsOfTheBoardThatAreReadWithoutDoubt) {
@@ -247,41 +198,6 @@ TEST(BoardObservation, HoldsOnlyTagsOfTheBoardThatAreReadWithoutDoubt) {
   }
 }
 
-// Corners at pixel p lie p + 0.5 px from the left and upper border.
-TEST(BoardObservation, OmitsTagsThatTheBorderMayCut) {
-  const auto seen = [](double left, double top, double right, double bottom) {
-    TagDetection tag{557, 0, 50, {}};
-    tag.corners << left, right, right, left, bottom, bottom, top, top;
-    return boardObservation(kBoard, "", {1280, 720}, {tag}).corners.size() == 4;
-  };
-  EXPECT_TRUE(seen(7.6, 7.6, 1271.4, 711.4));
-  EXPECT_FALSE(seen(7.4, 7.6, 1271.4, 711.4));
-  EXPECT_FALSE(seen(7.6, 7.4, 1271.4, 711.4));
-  EXPECT_FALSE(seen(7.6, 7.6, 1271.6, 711.4));
-  EXPECT_FALSE(seen(7.6, 7.6, 1271.4, 711.6));
-}
-
-TEST(BoardViews, AreChosenAtRestAndAtNewPlaces) {
-  Random random(9);
-  const Camera camera = boardCamera();
-  BoardViews views(sizeOf(camera), kBoard.parts());
-  const auto at = [&](double u) {
-    return boardCorners(camera, kBoard, boardPose(camera, u, 0.5, 0.4, {0.3, 0, 0}), 0.1, random);
-  };
-  EXPECT_FALSE(views.offer(at(0.4))) << "nothing says that it rests";
-  EXPECT_TRUE(views.offer(at(0.4)));
-  EXPECT_FALSE(views.offer(at(0.4))) << "there is this view";
-  EXPECT_FALSE(views.offer(at(0.6))) << "it moves";
-  EXPECT_TRUE(views.offer(at(0.6)));
-  EXPECT_FALSE(views.offer(at(0.602))) << "2.6 px: it moves";
-  EXPECT_FALSE(views.offer(at(0.602))) << "too close to the last";
-  BoardObservation few = at(0.2);
-  few.corners.resize(static_cast<std::size_t>(kBoard.parts().leastCorners() - 1));
-  EXPECT_FALSE(views.offer(few));
-  EXPECT_FALSE(views.offer(at(0.2))) << "nothing says that it rests";
-  EXPECT_EQ(views.chosen().size(), 2u);
-}
-
 TEST(TagBoard, IdsCountRowByRowFromTheTopLeftCornersAreThoseOfTheBorder) {
   TagBoard board;
   board.first_id = 7;
@@ -299,45 +215,9 @@ TEST(TagBoard, IdsCountRowByRowFromTheTopLeftCornersAreThoseOfTheBorder) {
   EXPECT_TRUE(board.corners(12).isApprox(last, 1e-12)) << board.corners(12);
 }
 
-TEST(TagBoard, TheShippedOneHasTheLastTagsOfItsFamily) {
-  const TagBoard board;
-  EXPECT_EQ(board.first_id + board.count(), TagFamily(board.family).count());
-}
-
 // ---- ChArUco boards: geometry, dictionaries, what is read from rendered pictures ----------------
 
 Camera plainCamera() { return {1280, 720, 931.5, 929.8, 644.2, 357.6, {}}; }
-
-// A picture with the whole board in it, tilted.
-cv::Mat portrait(const CharucoBoard& board, double tilt = 0.4) {
-  const Camera camera = plainCamera();
-  const double distance =
-      1.5 * camera.fy * std::max(board.height() / camera.height, board.width() / camera.width);
-  return boardPicture(camera, board,
-                      boardPose(camera, 0.5, 0.5, distance, {tilt, 0.3 * tilt, 0.1}));
-}
-
-TEST(MarkerDictionaries, AreThoseOfOpenCvInItsOrder) {
-  const auto& known = markerDictionaries();
-  ASSERT_EQ(known.size(), static_cast<std::size_t>(cv::aruco::DICT_APRILTAG_36h11) + 1);
-  for (std::size_t i = 0; i < known.size(); ++i) {
-    const cv::aruco::Dictionary dictionary(cv::aruco::getPredefinedDictionary(static_cast<int>(i)));
-    EXPECT_EQ(dictionary.bytesList.rows, known[i].markers) << known[i].name;
-    EXPECT_EQ(dictionary.markerSize, known[i].bits) << known[i].name;
-    EXPECT_EQ(dictionaryIndex(known[i].name), static_cast<int>(i));
-  }
-  EXPECT_EQ(dictionaryIndex("DICT_4X4_50"), cv::aruco::DICT_4X4_50);
-  EXPECT_EQ(dictionaryIndex("DICT_7X7_1000"), cv::aruco::DICT_7X7_1000);
-  EXPECT_EQ(dictionaryIndex("DICT_ARUCO_ORIGINAL"), cv::aruco::DICT_ARUCO_ORIGINAL);
-  EXPECT_EQ(dictionaryIndex("DICT_APRILTAG_25h9"), cv::aruco::DICT_APRILTAG_25h9);
-  const std::string unknown = test::refusal([] { markerDictionary("DICT_9X9"); });
-  EXPECT_EQ(unknown.rfind("dictionary of markers: DICT_9X9 is not known; expected one of "
-                          "DICT_4X4_50, DICT_4X4_100, ",
-                          0),
-            0u);
-  EXPECT_EQ(test::refusal<std::out_of_range>([] { markerCells("DICT_4X4_50", 50); }),
-            "marker id is 50; DICT_4X4_50 has 0 to 49");
-}
 
 TEST(CharucoBoard, MarkersFillTheWhiteSquaresRowByRow) {
   for (const auto& [columns, rows, legacy] :
@@ -373,7 +253,6 @@ TEST(CharucoObservation, CornersAreReadToATenthOfAPixel) {
       const lie::SE3 pose = boardPose(camera, 0.5, 0.5, 0.36, 0.4 * random.direction<3>());
       const BoardObservation observation =
           charucoObservation(board, "a", boardPicture(camera, board, pose));
-      EXPECT_EQ(observation.name, "a");
       for (const BoardCorner& corner : observation.corners) {
         EXPECT_EQ(corner.board, board.corner(corner.id));
         const auto truth =
@@ -383,50 +262,12 @@ TEST(CharucoObservation, CornersAreReadToATenthOfAPixel) {
         worst = std::max(worst, error);
         ++count;
       }
-      EXPECT_TRUE(std::is_sorted(observation.corners.begin(), observation.corners.end(),
-                                 [](const auto& a, const auto& b) { return a.id < b.id; }));
     }
     const double rms = std::sqrt(square / count);
-    std::cout << board.dictionary << ": " << count << " of " << 4 * board.cornerCount()
-              << " corners, RMS " << rms << " px, worst " << worst << " px\n";
     EXPECT_GT(count, 0.9 * 4 * board.cornerCount());
     EXPECT_LT(rms, 0.1);
     EXPECT_LT(worst, 0.3);
   }
-}
-
-TEST(CharucoObservation, AnotherBoardIsNotTakenForIt) {
-  const CharucoBoard board;
-  const cv::Mat picture = portrait(board);
-  EXPECT_EQ(charucoObservation(board, "", picture).corners.size(), 48u);
-  for (const CharucoBoard& other : {CharucoBoard{6, 9},
-                                    {8, 9},
-                                    {5, 11},
-                                    {7, 9, 0.024, 0.01},
-                                    {7, 9, 0.024, 0.018, "DICT_5X5_100"}}) {
-    EXPECT_LT(charucoObservation(other, "", picture).corners.size(), 8u)
-        << other.columns << " x " << other.rows << " " << other.marker_size << " "
-        << other.dictionary;
-  }
-  EXPECT_TRUE(
-      charucoObservation(board, "", cv::Mat(480, 640, CV_8UC1, cv::Scalar(128))).corners.empty());
-}
-
-TEST(CharucoObservation, AMarkerSeenTwiceIsNotUsed) {
-  const CharucoBoard board;
-  cv::Mat picture = portrait(board, 0);
-  const auto markers = findMarkers(board.dictionary, picture);
-  ASSERT_EQ(markers.size(), 31u);
-  // Marker 8 again, on the empty part of the picture.
-  cv::Mat again;
-  cv::resize(markerCells(board.dictionary, 8), again, {60, 60}, 0, 0, cv::INTER_NEAREST);
-  cv::Mat corner = picture(cv::Rect(0, 0, 100, 100));
-  corner = 255.0;
-  again.copyTo(corner(cv::Rect(20, 20, 60, 60)));
-  const auto found = findMarkers(board.dictionary, picture);
-  EXPECT_EQ(found.size(), 30u);
-  EXPECT_TRUE(
-      std::none_of(found.begin(), found.end(), [](const auto& one) { return one.id == 8; }));
 }
 
 }  // namespace

@@ -170,28 +170,6 @@ TEST(EdgeTracking, CatchesTagsAQuarterOfTheirSideOff) {
   EXPECT_GE(caught, 0.97 * tags);
 }
 
-TEST(EdgeTracking, FamiliesWithAClosedBorderOnly) {
-  Random random(3);
-  for (const std::string& name : TagFamily::names()) {
-    DetectorConfig config;
-    config.family = name;
-    config.quad_decimate = 1;
-    config.max_hamming = 0;
-    TagTracker edges(config, TrackingMode::kEdges);
-    const Corners truth = randomTag(random, {100, 100}, 70);
-    cv::Mat gray(200, 200, CV_8UC1, cv::Scalar(110));
-    const TagFamily drawn(name);
-    drawTag(drawn, drawn.cells(7), truth, gray);
-    spoil(gray, random);
-    const TrackResult& result = edges.track(gray, {{7, truth, true}});
-    ASSERT_EQ(result.tags.size(), 1U) << name;
-    const bool closed = name == "36h11" || name == "36h10" || name == "25h9" || name == "16h5";
-    EXPECT_EQ(result.by_edges, closed ? 1 : 0) << name;
-    EXPECT_EQ(result.by_regions, closed ? 0 : 1) << name;
-    EXPECT_LT(error(result.tags[0].corners, truth), 0.3) << name;
-  }
-}
-
 TEST(EdgeTracking, AnotherTagAtTheExpectedPlaceIsRefused) {
   TagTracker edges = tracker();
   Random random(4);
@@ -204,21 +182,6 @@ TEST(EdgeTracking, AnotherTagAtTheExpectedPlaceIsRefused) {
     EXPECT_EQ(result.by_edges + result.by_regions, 0);
     EXPECT_EQ(find(result, wanted), nullptr);
     EXPECT_NE(find(result, there), nullptr);
-  }
-}
-
-TEST(EdgeTracking, ATurnedTagIsRefused) {
-  TagTracker edges = tracker();
-  Random random(5);
-  const Corners truth = squareCorners(80, 80, 60, 0.1);
-  const cv::Mat gray = photograph(random, {{11, truth}}, {160, 160});
-  for (int turn = 1; turn < 4; ++turn) {
-    Corners turned;
-    for (int k = 0; k < 4; ++k) turned.col(k) = truth.col((k + turn) % 4);
-    const TrackResult& result = edges.track(gray, {{11, turned, true}});
-    EXPECT_EQ(result.by_edges, 0);
-    EXPECT_EQ(result.by_regions, 1);
-    EXPECT_LT(error(result.tags[0].corners, truth), 0.2);
   }
 }
 
@@ -270,52 +233,6 @@ TEST(EdgeTracking, DoesNotAllocate) {
   const AllocationCounter counter;
   edges.track(gray, expected);
   EXPECT_EQ(counter.count(), 0U);
-}
-
-TEST(Tracking, StrangersAreNoticedEvery90PicturesThoughNothingIsMissing) {
-  Random random(18);
-  const std::vector<Drawn> tags = {{5, randomTag(random, {120, 120}, 50)},
-                                   {5, randomTag(random, {500, 300}, 50)},
-                                   {8, randomTag(random, {120, 360}, 50)}};
-  const cv::Mat gray = photograph(random, tags, {640, 480});
-  for (const TrackingMode mode : {TrackingMode::kRegions, TrackingMode::kEdges}) {
-    TagTracker one = tracker(mode);
-    ASSERT_EQ(one.search(gray).tags.size(), 3U);
-    for (int i = 1; i <= 180; ++i) {
-      const TrackResult& result = one.track(gray, {{5, tags[0].corners, true}});
-      EXPECT_EQ(result.whole_picture, i % 90 == 0) << i;
-      ASSERT_EQ(result.tags.size(), i % 90 == 0 ? 3U : 1U) << i;
-    }
-  }
-}
-
-TEST(Tracking, HiddenTagsStayCheapAndAreFoundAgain) {
-  Random random(13);
-  const std::vector<Drawn> tags = {{1, randomTag(random, {120, 120}, 50)},
-                                   {2, randomTag(random, {500, 300}, 50)},
-                                   {3, randomTag(random, {500, 120}, 50)}};
-  const cv::Mat without = photograph(random, {tags[0]}, {640, 480});
-  const cv::Mat with = photograph(random, tags, {640, 480});
-  std::vector<ExpectedTag> expected;
-  for (const Drawn& tag : tags) expected.push_back({tag.id, tag.corners, tag.id == 1});
-  TagTracker edges = tracker();
-  edges.search(without);
-  int whole = 0;
-  for (int i = 0; i < 90; ++i) whole += edges.track(without, expected).whole_picture;
-  EXPECT_EQ(whole, 3);
-  EXPECT_EQ(edges.track(with, expected).by_edges, 3);
-  // Farther off than the edges reach: one region a picture.
-  expected[1].corners = moved(tags[1].corners, {22, 16});
-  expected[2].corners = moved(tags[2].corners, {-22, -16});
-  std::vector<int> by_regions;
-  for (int i = 0; i < 4; ++i) {
-    const TrackResult& result = edges.track(with, expected);
-    ASSERT_EQ(result.tags.size(), 2U);
-    EXPECT_EQ(result.by_regions, 1);
-    by_regions.push_back(result.tags[1].id);
-  }
-  EXPECT_NE(by_regions[0], by_regions[1]);
-  EXPECT_EQ(by_regions[0], by_regions[2]);
 }
 
 class TrackingIn : public ::testing::TestWithParam<TrackingMode> {};
