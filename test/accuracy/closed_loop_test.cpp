@@ -361,7 +361,6 @@ INSTANTIATE_TEST_SUITE_P(
                     Drawing{"circle", TipShape::kCircle, 8, 0.002},
                     Drawing{"circle", TipShape::kCircle, 4, 0.003, false, true},
                     Drawing{"square", TipShape::kSquare, 12, 0.002, false, true},
-                    Drawing{"lemniscate", TipShape::kLemniscate, 12, 0.002},
                     Drawing{"ideal_circle", TipShape::kCircle, 20, 0.0005, true},
                     Drawing{"ideal_circle", TipShape::kCircle, 8, 0.0006, true},
                     Drawing{"ideal_circle", TipShape::kCircle, 4, 0.0011, true, true}),

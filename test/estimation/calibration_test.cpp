@@ -55,18 +55,6 @@ TEST(Calibration, FindsEveryParameterOfARigThatIsSeenWithoutNoise) {
   EXPECT_LT((found.X_B0B.translation - truth.X_B0B.translation).norm(), 1e-5);
 }
 
-TEST(Calibration, TorsionIsFoundFromZero) {
-  const model::Arm known = test::ringArm(test::helicalRing());
-  model::Stiffness stiff = known.actuator(0).stiffness;
-  stiff.tau = 3e-4;
-  CalibrationOptions options;
-  options.fit.insert(FitParameter::kTau);
-  options.stiffness_prior = 5;
-  const Calibration found = calibrated({twists(known, known.withStiffness(stiff), 1e-6)}, options);
-  EXPECT_EQ(parameter(found, "K_tau").initial, 0.0);
-  EXPECT_NEAR(parameter(found, "K_tau").value / 3e-4, 1, 1e-3);
-}
-
 TEST(Calibration, WrongTagsAreNamedAndDoNotMoveTheAnswer) {
   const model::Arm known = test::ringArm(test::helicalRing());
   const TagLayout layout = test::sampleLayout(1, 12);

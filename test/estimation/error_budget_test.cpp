@@ -1,6 +1,5 @@
 #include "helix_arm/tracking/error_budget.hpp"
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <string>
@@ -105,10 +104,6 @@ struct Watched {
   ArmFilter::Input picture;
 };
 
-double leastEigenvalue(const Eigen::Matrix3d& matrix) {
-  return Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(matrix).eigenvalues()[0];
-}
-
 struct ArmCase {
   const char* name;
   ArmModel (*model)();
@@ -120,17 +115,6 @@ INSTANTIATE_TEST_SUITE_P(Arms, ErrorBudgetOf,
                          ::testing::Values(ArmCase{"Helical", helicalModel},
                                            ArmCase{"Loaded", loadedModel}),
                          nameOfCase);
-
-TEST_P(ErrorBudgetOf, ThePartsAddUpToThePrediction) {
-  const Watched watched(GetParam().model());
-  const TipErrorBudget& budget = *watched.budget.current();
-  const Eigen::Matrix3d sum =
-      watched.part(BudgetPart::kCalibration) + watched.part(BudgetPart::kUnexplained) +
-      watched.part(BudgetPart::kPressure) + watched.part(BudgetPart::kPlacement);
-  EXPECT_LT((budget.predicted.covariance - sum).norm(), 1e-12 * sum.norm());
-  // What was learnt takes uncertainty away.
-  EXPECT_GT(leastEigenvalue(budget.open_loop.covariance - budget.predicted.covariance), 0);
-}
 
 TEST_P(ErrorBudgetOf, ThePartsAreTheSpreadsOfTipsForTheErrorsThatTheyStandFor) {
   const Watched watched(GetParam().model());

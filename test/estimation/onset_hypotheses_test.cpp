@@ -3,7 +3,6 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
-#include <utility>
 
 #include <gtest/gtest.h>
 
@@ -283,21 +282,6 @@ TEST(OnsetHypotheses, AJumpOfWhatOtherTagsMeasureIsNoContact) {
     }
     EXPECT_EQ(std::isfinite(bench.delay(2)), !told);
   }
-}
-
-// Without K_eps the forces are parts of it: the same arm, measured alike, and a hypothetical K_eps.
-TEST(OnsetHypotheses, WithoutKEpsAForceIsAPartOfIt) {
-  Bench bench(14);
-  const ArmModel unknown(test::ringArm(test::helicalRing()));
-  TipCompliance parts(unknown);
-  ASSERT_TRUE(parts.normalised());
-  bench.compliance = std::move(parts);
-  bench.moveUntilArmed();
-  bench.touch({0, 0.6, 0});
-  bench.run(1.5);
-  EXPECT_TRUE(loadOf(bench).normalised);
-  EXPECT_NEAR(loadOf(bench).force.y(), 0.6 / kK_eps, 0.15 / kK_eps);
-  EXPECT_LT(std::sqrt(loadOf(bench).covariance(1, 1)), 0.2 / kK_eps);
 }
 
 }  // namespace

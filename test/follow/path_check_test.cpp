@@ -146,29 +146,6 @@ TEST_F(PathCheck, EveryPlaceOfAnAcceptedPathIsWithinReach) {
   EXPECT_GT(refused, 10);
 }
 
-// Of the pressures that lead to the same place, the lowest may lie far apart for neighbours.
-TEST(PathCheckOfRedundantArms, PressuresThatChangeLeastFollowWhereTheLowestJump) {
-  const model::Arm arm = test::ringArm(test::helicalRing(), 2);
-  const Eigen::VectorXd start = arm.inputAt(0.0), slew = Eigen::VectorXd::Constant(6, kSlew);
-  statics::InverseOptions least;
-  least.preference = statics::Preference::kMinChange;
-  test::Random random(5);
-  int jumps = 0;
-  for (int k = 0; k < 24; ++k) {
-    Eigen::VectorXd fraction(6);
-    for (double& one : fraction) one = random.uniform(0.3, 0.7);
-    const TipPath path(control::wayPointsOf({control::TipShape::kLemniscate,
-                                             arm.tip(arm.inputAt(fraction)).translation, 0.04, 20.0,
-                                             1, control::kPathPlanes[k % 3]}));
-    statics::InverseSolver solver(arm), other(arm, least);
-    const auto lowest = checkPath(path, arm, solver, start, {kPathTolerance, slew});
-    if (!lowest || lowest->fault != PathFault::kJump) continue;
-    ++jumps;
-    EXPECT_FALSE(checkPath(path, arm, other, start, {kPathTolerance, slew})) << lowest->reason;
-  }
-  EXPECT_GE(jumps, 3) << "the regime of this test";
-}
-
 // A ball beside the path, and one between two clear points of it.
 TEST_F(PathCheck, AZoneOnTheWayIsNamed) {
   const Eigen::Vector3d from = tipAt({0.9, 0.1, 0.1}), to = tipAt({0.1, 0.9, 0.1});

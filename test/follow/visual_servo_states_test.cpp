@@ -110,19 +110,6 @@ TEST_P(EachState, IsResetToOpenOrIdleAndClosesAgain) {
   EXPECT_LT(bench_.error(), 1e-3);
 }
 
-TEST_F(LoopStates, ATargetOpensTheLoopThatDoesNotSeeAndClosesTheOneThatSees) {
-  bench_.loop.aimAt(here_);
-  bench_.step(false);
-  EXPECT_EQ(state(), LoopState::kOpen);
-  bench_.loop.release();
-  bench_.run(2);
-  EXPECT_EQ(state(), LoopState::kIdle);
-  EXPECT_LT(bench_.loop.tipDeviation(), 0.01) << "it learns while it is idle";
-  bench_.loop.aimAt(here_);
-  bench_.step();
-  EXPECT_EQ(state(), LoopState::kClosed);
-}
-
 // Two pictures do not close it, nor do three that took longer than half a second.
 TEST_F(LoopStates, ThreePicturesWithinHalfASecondCloseIt) {
   bench_.loop.aimAt(here_);
@@ -138,20 +125,6 @@ TEST_F(LoopStates, ThreePicturesWithinHalfASecondCloseIt) {
     ASSERT_TRUE(picture(pause).accepted());
     bench_.step(false);
     EXPECT_EQ(state(), pause == 0.15 ? LoopState::kClosed : LoopState::kOpen) << bench_.time();
-  }
-}
-
-TEST_F(LoopStates, ToldNotToCloseItIsOpen) {
-  for (const LoopState from : {LoopState::kClosed, LoopState::kCoasting}) {
-    reach(from);
-    bench_.loop.close(false);
-    bench_.step(false);
-    EXPECT_EQ(state(), LoopState::kOpen);
-    bench_.run(1);
-    EXPECT_EQ(state(), LoopState::kOpen) << "although it sees";
-    bench_.loop.close(true);
-    bench_.step();
-    EXPECT_EQ(state(), LoopState::kClosed);
   }
 }
 
@@ -334,38 +307,6 @@ TEST_F(LoopStates, PicturesThatAgreeAgainAreFollowedAgain) {
   EXPECT_LT(bench_.error(), 1e-3);
 }
 
-// A view that stands still while the arm moves, but not in every pixel, as through a recorder that
-// writes its time into the pictures: something seems to hold the arm.
-TEST_F(LoopStates, AViewThatStandsStillWhileTheArmMovesIsToldOf) {
-  for (const OnContact reaction : {OnContact::kReport, OnContact::kYield}) {
-    LoopBench bench(model_, truthOf(model_.arm()), LoopBench::config(), {});
-    bench.loop.setOnContact(reaction);
-    bench.loop.aimAt(here_);
-    bench.run(17);
-    bench.options.frozen = bench.trueTwists();
-    bench.run(3);
-    ASSERT_EQ(bench.loop.state(), LoopState::kClosed) << "an arm at rest looks the same";
-    ASSERT_FALSE(bench.loop.load().contact);
-    bench.loop.aimAt(there_);
-    const auto told = [&bench] {
-      return bench.loop.load().contact || bench.loop.drift().doubtful ||
-             bench.loop.state() == LoopState::kDiverging;
-    };
-    const double begin = bench.time();
-    while (!told() && bench.time() < begin + 3) bench.step();
-    EXPECT_TRUE(told());
-    if (reaction == OnContact::kReport) continue;
-    // What yields stands still from then on.
-    bench.run(1);
-    const Eigen::VectorXd held = bench.loop.turn().pressure;
-    for (int k = 0; k < 500; ++k) {
-      bench.step();
-      ASSERT_NE(bench.loop.state(), LoopState::kClosed) << k;
-      ASSERT_LE((bench.loop.turn().pressure - held).norm(), 100.0) << k;
-    }
-  }
-}
-
 struct WrongClock {
   const char* name;
   double shift;  // of the stamps [s]
@@ -387,32 +328,6 @@ TEST_P(EachWrongClock, NeverClosesTheLoop) {
   }
   EXPECT_GT(bench_.faults[GetParam().fault], 150);
   EXPECT_EQ(bench_.faults.size(), 1U) << "each picture is refused for that";
-}
-
-// The loop goes on as without pictures: it neither swings nor jumps, and sees again at once when
-// the clock is right.
-TEST_P(EachWrongClock, LetsTheLoopCoastAndOpen) {
-  close();
-  bench_.options.stamp_shift = GetParam().shift;
-  bench_.faults.clear();
-  bench_.loop.aimAt(there_);
-  bench_.run(1.5);
-  EXPECT_EQ(state(), LoopState::kCoasting);
-  bench_.run(2.0);
-  EXPECT_EQ(state(), LoopState::kOpen);
-  const Eigen::VectorXd held = bench_.loop.turn().pressure;
-  for (int k = 0; k < 500; ++k) {
-    bench_.step();
-    ASSERT_LE((bench_.loop.turn().pressure - held).norm(), 1.0) << k;
-  }
-  EXPECT_LT(bench_.error(), 0.01) << "it keeps what it had learnt";
-  EXPECT_EQ(bench_.faults.size(), 1U);
-  EXPECT_GT(bench_.faults[GetParam().fault], 250);
-  bench_.options.stamp_shift = 0.0;
-  bench_.run(1);
-  EXPECT_EQ(state(), LoopState::kClosed);
-  bench_.run(3);
-  EXPECT_LT(bench_.error(), 1e-3);
 }
 
 // A sudden force is a load that is carried, and what grows after it is none.

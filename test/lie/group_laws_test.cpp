@@ -75,14 +75,6 @@ TYPED_TEST(AnyGroup, ExpOfTheOppositeTwistIsTheInverse) {
   });
 }
 
-TYPED_TEST(AnyGroup, ExpIsAdditiveAlongOneTwist) {
-  this->forRandomTwists([this](const auto& xi) {
-    EXPECT_LT(
-        this->distance(TypeParam::exp(0.3 * xi) * TypeParam::exp(0.7 * xi), TypeParam::exp(xi)),
-        1e-14);
-  });
-}
-
 template <class Group>
 class LieGroup : public AnyGroup<Group> {};
 using LieGroups = ::testing::Types<SE2, SE3>;

@@ -135,26 +135,6 @@ TEST(Equilibrium, MatchesThePseudoInverseIn80Digits) {
               worst_name.c_str());
 }
 
-TEST(Equilibrium, NullSpaceCostsNoEnergyAndIsNotInTheAnswer) {
-  int singular = 0;
-  for (const Case& c : cases()) {
-    if (c.rank() == 6) continue;
-    ++singular;
-    const Equilibrium<lie::SE3> result = solveEquilibrium(c.elements);
-    EXPECT_LT((result.null_space.transpose() * result.null_space -
-               Eigen::MatrixXd::Identity(6 - c.rank(), 6 - c.rank()))
-                  .norm(),
-              1e-14);
-    EXPECT_LT((result.null_space.transpose() * result.map).norm(), 1e-14) << c.name;
-    for (const auto& element : c.elements) {
-      const Eigen::MatrixXd strain =
-          element.K.cwiseSqrt().asDiagonal() * element.X_O.inverse().adjoint() * result.null_space;
-      EXPECT_LT(strain.norm(), 1e-14) << c.name;
-    }
-  }
-  EXPECT_EQ(singular, 3);
-}
-
 TEST(Equilibrium, EqualLengthsOfAStraightArmDoNotBendIt) {
   // Erratum 1: the last row of eq. 18 has opposite signs.
   const Eigen::VectorXd g =

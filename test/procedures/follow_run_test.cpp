@@ -5,7 +5,6 @@
 
 #include <gtest/gtest.h>
 
-#include "helix_arm/control/tip_path.hpp"
 #include "support/has.hpp"
 #include "support/shipped_scene.hpp"
 
@@ -23,13 +22,6 @@ FollowPlan tipPlan(std::vector<Eigen::Vector3d> tips, double seconds) {
   plan.tips = std::move(tips);
   plan.seconds = seconds;
   return plan;
-}
-
-control::TipPath circle(double period) {
-  control::ShapedPath shape;
-  shape.centre = {0.366, 0.003, 0.009};
-  shape.period = period;
-  return control::TipPath(control::wayPointsOf(shape));
 }
 
 double errorOf(const FollowRow& row) { return (row.true_tip - *row.wanted).norm(); }
@@ -60,22 +52,6 @@ TEST(FollowRun, TipsShareTheTimeAndTheirFiguresAreTheirErrors) {
     ASSERT_GT(settled, begin);
     EXPECT_GT(errorOf(*(settled - 1)), bound);
     EXPECT_FALSE(result.figures.unreachable[tip]);
-  }
-}
-
-// The approach takes its time by the tip, not by the pressures, and valves lag.
-TEST(FollowRun, APathBeginsWhenASlowArmIsAtItsFirstPoint) {
-  FollowPlan plan;
-  plan.path = circle(4);
-  plan.seconds = 16;
-  plan.open = true;
-  for (const char* slew : {"50", "100", "300"}) {
-    io::Scene scene = demo({{"safety.slew_kpa_s", slew}, {"regulator.simulated.noise_kpa", "0"}});
-    scene.simulation.arm = {};
-    const FollowResult result = runFollow(scene, plan);
-    auto first = result.rows.begin();
-    while (*first->path_time < 0) ASSERT_NE(++first, result.rows.end()) << slew;
-    EXPECT_LT(errorOf(*first), 0.003) << slew;
   }
 }
 

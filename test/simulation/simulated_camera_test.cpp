@@ -64,42 +64,7 @@ using namespace simulation;
 
 const lie::SE3 kBefore{facingCamera(), {0.0, 0.0, 0.3}};  // in the middle of the picture
 
-cv::Mat doubles(const cv::Mat& picture) {
-  cv::Mat out;
-  picture.convertTo(out, CV_64F);
-  return out;
-}
-
 bool same(const cv::Mat& a, const cv::Mat& b) { return cv::norm(a, b, cv::NORM_INF) == 0; }
-
-// Gray levels of the noisy picture less those of the clean one.
-cv::Mat noiseOf(double noise) {
-  const estimation::ArmView view = studio(plainCamera(), {kBefore});
-  SimulatedCameraConfig config = sharpConfig();
-  const cv::Mat clean = photograph(view, config);
-  config.noise = noise;
-  return doubles(photograph(view, config)) - doubles(clean);
-}
-
-double correlation(const cv::Mat& noise, int dx, int dy) {
-  const cv::Rect all(0, 0, noise.cols - dx, noise.rows - dy);
-  return noise(all).dot(noise(all + cv::Point(dx, dy))) / noise(all).dot(noise(all));
-}
-
-// 65536 independent values: their mean is good to sigma / 256, their deviation to 0.3 %. Rounding
-// adds 1/12 to the variance.
-TEST(SimulatedCamera, NoiseHasTheGivenDeviationAndMovesNoMean) {
-  for (const double asked : {1.0, 2.0, 6.0}) {
-    cv::Scalar mean, deviation;
-    const cv::Mat noise = noiseOf(asked);
-    cv::meanStdDev(noise, mean, deviation);
-    EXPECT_NEAR(mean[0], 0.0, 4 * asked / 256) << asked;
-    EXPECT_NEAR(deviation[0] / std::sqrt(asked * asked + 1.0 / 12), 1.0, 0.015) << asked;
-    for (const auto& [dx, dy] : {std::pair{1, 0}, {0, 1}, {1, 1}, {7, 0}, {0, 2}}) {
-      EXPECT_NEAR(correlation(noise, dx, dy), 0.0, 0.02) << asked;
-    }
-  }
-}
 
 TEST(SimulatedCamera, TagsThatShowTheirBacksOrAreBehindTheCameraOrOutOfThePictureAreNotDrawn) {
   const lie::SE3 back{Eigen::Matrix3d::Identity(), {0.0, 0.0, 0.3}};

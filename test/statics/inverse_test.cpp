@@ -162,21 +162,6 @@ TEST(Inverse, ReportsActiveLimits) {
   EXPECT_EQ(result.input[1], 0.0);
 }
 
-TEST(Inverse, OfAPlateauStartsFromItsFlatEnd) {
-  // A dead band at the low end: the slope there is zero in the input, never in the length.
-  model::Section section = test::ringSection(test::straightRing(), test::fig3Muscle());
-  const model::Contraction dead_band =
-      model::Contraction::table({0, 5e4, 1e5, 4e5}, {0.43, 0.42999999, 0.42, 0.34});
-  for (auto& actuator : section.actuators) {
-    actuator.contraction = dead_band;
-    actuator.limits = dead_band.inputRange();
-  }
-  const model::Arm arm({section});
-  InverseSolver solver(arm);
-  const Eigen::Vector3d target = arm.tip(Eigen::Vector3d(2e5, 1e4, 3e5)).translation;
-  EXPECT_EQ(solver.toPosition(target, Eigen::Vector3d::Zero()).status, InverseStatus::kReached);
-}
-
 TEST(Inverse, DoesNotAllocate) {
   for (const auto& [count, sections] : {std::pair(3, 1), {5, 2}}) {
     const model::Arm arm = test::ringArm(test::helicalRing(count), sections);

@@ -102,15 +102,6 @@ TEST(BendingTable, ThePressureOfTheOthersIs0OfOneChamberAloneAndThatOfAllAlike) 
   EXPECT_DOUBLE_EQ(table.argumentAt(Eigen::Vector3d(4e4, 4e4, 0)), 2e4);
   EXPECT_DOUBLE_EQ(table.argumentAt(Eigen::Vector3d(-4e4, -4e4, 0)), -2e4) << "vacuum";
   EXPECT_EQ(table.argumentAt(Eigen::Vector3d::Zero()), 0);
-  const Eigen::Vector4d q(3e4, 1e4, 5e4, 2e4);
-  for (const Argument argument : {Argument::kMean, Argument::kOthers}) {
-    const model::BendingTable one(kDoubling, argument);
-    for (int i = 0; i < 4; ++i) {
-      const Eigen::Vector4d step = Eigen::Vector4d::Unit(i);
-      const double central = (one.argumentAt(q + step) - one.argumentAt(q - step)) / 2;
-      EXPECT_NEAR(one.argumentSlope(q, i), central, 1e-8);
-    }
-  }
   // One chamber at 120 kPa bends as far as without the table, and half as far in the end.
   const model::Arm arm = chambers({kDoubling, Argument::kOthers}, 0), plain = chambers({}, 0);
   const Eigen::Vector3d alone(1.2e5, 0, 0);

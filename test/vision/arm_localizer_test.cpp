@@ -88,15 +88,5 @@ TEST(FrozenWatch, PicturesAreComparedByTheirPixels) {
   EXPECT_FALSE(watch.isFrozen(pictureOf(91)(cv::Rect(0, 0, 64, 47)), kTip)) << "another size";
 }
 
-TEST(FrozenWatch, AfterAResetNothingIsKnownAndNoPictureIsNone) {
-  FrozenWatch watch;
-  EXPECT_FALSE(watch.isFrozen(pictureOf(90), kTip));
-  watch.reset();
-  EXPECT_FALSE(watch.isFrozen(pictureOf(90), kTip + kAside));
-  EXPECT_TRUE(watch.isFrozen(pictureOf(90), kTip));
-  EXPECT_FALSE(watch.isFrozen({}, kTip));
-  EXPECT_FALSE(watch.isFrozen({}, kTip + kAside));
-}
-
 }  // namespace
 }  // namespace helix_arm::vision
