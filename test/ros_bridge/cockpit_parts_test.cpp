@@ -31,84 +31,27 @@ TEST(Possibility, WithoutAnArmOnlyTheStopIsOffered) {
 
 Possibility maySlide(const CockpitView& view) { return maySetPressure(view, view.channels[0]); }
 
-// What an arm that is changed so allows, or why not.
-TEST(Possibility, FollowsFromTheStateAndNamesWhatPreventsIt) {
-  using View = CockpitView;
-  const auto nothing = [](View&) {};
-  const auto tipless = [](View& v) { v.tip_heard = false; };
-  const auto unread = [](View& v) { v.channels[0].measured = kUnknown; };
-  const auto stopped = [](View& v) { v.safety->stopped = true; };
-  const auto unlimited = [](View& v) { v.channels[0].upper = kUnknown; };
-  const auto holding = [](View& v) { v.goal = CockpitGoal::kPressures; };
-  const auto ready = [](View& v) { v.calibration.there = true; };
-  const auto calibrating = [](View& v) { v.calibration.there = v.calibration.running = true; };
-  const auto aiming = [](View& v) { v.calibration.there = true, v.goal = CockpitGoal::kTip; };
-  const auto ended = [](View& v) { v.calibration.ended = true; };
-  const auto measuring = [](View& v) {
-    v.calibration.there = v.experiment.there = v.experiment.running = true;
-  };
-  const auto measured = [](View& v) { v.experiment.there = v.experiment.ended = true; };
-  const auto good = [](View& v) {
-    v.calibration.ended = true, v.calibration.result.success = true;
-  };
-  const auto loaded = [=](View& v) { good(v), v.calibration.is_loaded = true; };
-  const auto again = [=](View& v) { good(v), v.calibration.running = true; };
-  const struct {
-    const char* state;
-    std::function<void(View&)> change;
-    // And words of why it may not be done; null: it may.
-    std::vector<std::pair<std::function<Possibility(const View&)>, const char*>> may;
-  } kRows[] = {
-      {"enabled",
-       nothing,
-       {{mayEnable, "the arm is enabled already"},
-        {mayVent, nullptr},
-        {mayStop, nullptr},
-        {mayRelease, ""},
-        {mayHold, nullptr},
-        {mayAimTip, nullptr},
-        {maySlide, nullptr},
-        {mayCalibrate, "calibration:=true"},
-        {mayExperiment, "calibration:=true"},
-        {mayUse, ""}}},
-      {"enabled", tipless, {{mayAimTip, "visual_servo"}, {mayHold, nullptr}}},
-      {"enabled", unlimited, {{maySlide, "limits of muscle_1"}}},
-      {"disabled", nothing, {{mayEnable, nullptr}, {mayHold, ""}}},
-      {"vented", nothing, {{mayEnable, nullptr}, {mayAimTip, ""}}},
-      {"fault", nothing, {{mayEnable, ""}, {maySlide, "enable"}}},
-      {"disabled", unread, {{mayEnable, "reading of muscle_1"}}},
-      {"vented",
-       stopped,
-       {{mayStop, ""}, {mayRelease, nullptr}, {mayEnable, "release"}, {mayHold, "release"}}},
-      {"fault", holding, {{mayHold, nullptr}}},  // to let go
-      {"enabled", ready, {{mayCalibrate, nullptr}, {mayCancel, ""}}},
-      {"enabled", aiming, {{mayCalibrate, ""}}},
-      {"enabled",
-       calibrating,
-       {{mayCalibrate, ""}, {mayCancel, nullptr}, {mayHold, ""}, {mayAimTip, ""}, {maySlide, ""}}},
-      {"enabled", measured, {{mayExperiment, nullptr}, {mayStopExperiment, ""}}},
-      {"disabled", measured, {{mayExperiment, "enable"}}},
-      {"enabled",
-       measuring,
-       {{mayStopExperiment, nullptr},
-        {mayExperiment, "already"},
-        {mayCalibrate, "stop it first"},
-        {maySlide, "stop it first"}}},
-      {"enabled", ended, {{mayUse, ""}}},
-      {"enabled", good, {{mayUse, nullptr}}},
-      {"enabled", loaded, {{mayUse, ""}}},  // a second time meanwhile
-      {"enabled", again, {{mayUse, ""}}},
-  };
-  for (const auto& row : kRows) {
-    View view = arm(row.state);
-    row.change(view);
-    for (const auto& [may, why_not] : row.may) {
-      SCOPED_TRACE("row " + std::to_string(&row - kRows) + ": " + (why_not ? why_not : "possible"));
-      const Possibility possibility = may(view);
-      EXPECT_EQ(possibility.possible(), why_not == nullptr);
-      EXPECT_TRUE(test::has(possibility.why_not, why_not == nullptr ? "" : why_not));
-    }
-  }
+TEST(Possibility, FollowsFromTheState) {
+  CockpitView view = arm("enabled");
+  EXPECT_TRUE(maySlide(view).possible() && mayHold(view).possible() && mayStop(view).possible());
+  view.channels[0].upper = kUnknown;
+  EXPECT_FALSE(maySlide(view).possible()) << "whose limits are not known";
+  view = arm("enabled");
+  view.calibration.there = view.calibration.running = true;
+  EXPECT_TRUE(mayCancel(view).possible());
+  EXPECT_FALSE(mayHold(view).possible() || mayAimTip(view).possible() || maySlide(view).possible());
+  view = arm("disabled");
+  EXPECT_TRUE(mayEnable(view).possible());
+  view.channels[0].measured = kUnknown;
+  EXPECT_FALSE(mayEnable(view).possible()) << "whose pressure is not known";
+  EXPECT_FALSE(mayEnable(arm("fault")).possible());
+  view = arm("vented");
+  view.safety->stopped = true;
+  EXPECT_TRUE(mayRelease(view).possible());
+  EXPECT_FALSE(mayEnable(view).possible() || mayHold(view).possible());
+  view = arm("fault");
+  view.goal = CockpitGoal::kPressures;
+  EXPECT_TRUE(mayHold(view).possible()) << "to let go";
 }
 
 // When the cockpit stops repeating its target.

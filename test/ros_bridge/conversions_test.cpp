@@ -91,16 +91,10 @@ TEST(Conversions, PiecesThatMakeNoShapeAreRefused) {
     const char* part;
   } kRows[] = {
       {[](ArmShape& m) { m.pieces = 65; }, Fault::kOutOfRange, "send at most 64"},
-      {[](ArmShape& m) { m.pieces = 4000000000U; }, Fault::kOutOfRange, "4000000000 pieces"},
       {[](ArmShape& m) { m.piece_twist.pop_back(); }, Fault::kWrongSize, "35 numbers in piece_t"},
       {[](ArmShape& m) { m.pieces = 0; }, Fault::kWrongSize, "36 numbers in piece_twist"},
-      {[](ArmShape& m) { m.pieces = 1; }, Fault::kWrongSize, "36 numbers in piece_twist"},
-      {[](ArmShape& m) { m.pieces = 2; }, Fault::kWrongSize, "36 numbers in piece_twist"},
-      {[](ArmShape& m) { m.piece_twist.clear(); }, Fault::kWrongSize, "0 numbers in piece_twist"},
       {[](ArmShape& m) { m.piece_twist[7] = NAN; }, Fault::kNotFinite, "piece_twist[7] is nan"},
-      {[](ArmShape& m) { m.piece_twist[7] = 1e9; }, Fault::kOutOfRange, "piece_twist[7]"},
       {[](ArmShape& m) { m.twist[3] += 0.01; }, Fault::kOutOfRange, "do not sum to the twists of"},
-      {[](ArmShape& m) { m.twist[3] = NAN; }, Fault::kNotFinite, "twist[3]"},
   };
   for (const auto& row : kRows) {
     ArmShape msg = toShapeMsg({}, "loaded", unevenShape());
@@ -108,20 +102,6 @@ TEST(Conversions, PiecesThatMakeNoShapeAreRefused) {
     const auto refusal = std::get<control::Refusal>(fromMsg(msg, test::sampleArm(2), "arm_base"));
     EXPECT_EQ(refusal.fault, row.fault) << refusal.message;
     EXPECT_TRUE(test::has(refusal.message, row.part));
-  }
-}
-
-TEST(Conversions, OnlyTheBaseFrameIsTaken) {
-  TipTarget target;
-  for (const char* frame : {"", "left_arm_base"}) {
-    target.header.frame_id = frame;
-    EXPECT_TRUE(std::holds_alternative<TipGoal>(fromMsg(target, "left_arm_base"))) << frame;
-  }
-  for (const char* frame : {"world", "arm_base", "/left_arm_base"}) {
-    target.header.frame_id = frame;
-    EXPECT_EQ(std::get<control::Refusal>(fromMsg(target, "left_arm_base")).fault,
-              control::Fault::kWrongFrame)
-        << frame;
   }
 }
 

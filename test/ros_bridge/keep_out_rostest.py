@@ -10,7 +10,6 @@ import rostest
 from actionlib_msgs.msg import GoalStatus
 from geometry_msgs.msg import Point
 from helix_arm import Scene
-from visualization_msgs.msg import MarkerArray
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", "support"))
 from helix_arm.msg import ArmShape, PlanTipPathAction, PlanTipPathGoal, TargetStatus  # noqa: E402
@@ -36,18 +35,6 @@ class KeepOut(CommanderCase):
         self.assertEqual(answer.outcome, TargetStatus.REACHED, answer)
         self.assert_wait(lambda: np.allclose(self.command[-1].pressure, pressure))
         return answer
-
-    def test_what_would_touch_is_refused_by_name_and_the_command_stays(self):
-        self.start(TOUCHES)
-        self.connect()
-        clear = self.move([0, 1e5, 0])
-        self.assertEqual(clear.zone, "post")
-        self.assertAlmostEqual(clear.clearance, clearance([0, 1e5, 0], TOUCHES), 3)
-        held, answer = self.held, self.send_pressures(TOUCHES)
-        self.held = held
-        self.assertEqual((answer.outcome, answer.fault, answer.zone), (TargetStatus.DROPPED, "blocked", "post"), answer)
-        self.assertTrue("post" in answer.message and answer.clearance < LEAST and answer.has_clear_tip, answer)
-        self.assertEqual(self.command_after(answer), [0, 1e5, 0])
 
     def test_an_arm_that_is_seen_too_close_stays_until_a_command_leads_away(self):
         self.start(TOUCHES)
@@ -90,27 +77,6 @@ class KeepOut(CommanderCase):
         self.assertTrue(client.wait_for_result(rospy.Duration(60)))
         self.assertEqual((client.get_state(), client.get_result().found), (GoalStatus.ABORTED, False))
         self.assertIn("post", client.get_result().message)
-
-    def test_a_search_is_cancelled_and_a_goal_that_breaks_a_rule_is_answered(self):
-        """A wall across all that the tip can pass, at rest, too, which begins at 0.3 m of the arm: no search ends by itself."""
-        self.start(BETWEEN, keep_out=[{"name": "wall", "box": {"size_m": [0.6, 0.001, 0.3], "position_m": [0, 0, 0.15]}}])
-        client, feedback = actionlib.SimpleActionClient("pressure_command/plan_tip_path", PlanTipPathAction), []
-        self.assertTrue(client.wait_for_server(rospy.Duration(30)))
-        client.send_goal(PlanTipPathGoal(start=START, pressure=GOAL, longest_s=60), feedback_cb=feedback.append)
-        self.assert_wait(lambda: feedback and feedback[-1].seconds > 0.5)
-        self.assertEqual(feedback[-1].phase, "searches")
-        client.cancel_goal()
-        self.assertTrue(client.wait_for_result(rospy.Duration(30)))
-        self.assertEqual(client.get_state(), GoalStatus.PREEMPTED)
-        client.send_goal(PlanTipPathGoal(start=START, pressure=GOAL, longest_s=70))
-        self.assertTrue(client.wait_for_result(rospy.Duration(60)))
-        self.assertIn("longest_s is 70; expected 0 to 60", client.get_result().message)
-
-    def test_zones_are_drawn(self):
-        self.start(TOUCHES)
-        self.connect()
-        markers = self.inbox("markers", MarkerArray)
-        self.assert_wait(lambda: any(one.ns == "zones" for array in markers for one in array.markers))
 
 
 if __name__ == "__main__":

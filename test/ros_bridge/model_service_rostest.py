@@ -11,7 +11,7 @@ import rostest
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", "support"))
 from helix_arm import Scene  # noqa: E402
 from helix_arm.msg import TargetStatus  # noqa: E402
-from helix_arm.srv import Forward, Inverse, Payload  # noqa: E402
+from helix_arm.srv import Forward, Inverse  # noqa: E402
 from ros_case import CommanderCase  # noqa: E402
 
 DEMO = Scene.load("demo")
@@ -40,26 +40,6 @@ class ModelService(CommanderCase):
         for numbers, of_model in ((found.position, expected.tips), (found.orientation, expected.quaternions_xyzw),
                                   (found.twist, expected.twists)):
             np.testing.assert_allclose(np.reshape(numbers, of_model.shape), of_model, atol=1e-13)
-
-    def test_inverse_reaches_what_forward_gives(self):
-        wanted = np.vstack((DEMO.tips(random_pressures(50, 2)), [5, 0, 0]))
-        found = call(Inverse, position=wanted)
-        self.assertTrue(found.success, found.message)
-        self.assertEqual((found.rows, found.status), (51, 50 * ["reached"] + ["unreachable"]))
-        tips = DEMO.tips(np.reshape(found.pressure, (51, 3)))
-        self.assertLess(np.linalg.norm(tips - wanted, axis=1)[:50].max(), 2e-6)
-        self.assertGreater(found.position_error[50], 4)
-
-    def test_payload_is_that_of_the_scene(self):
-        tip = [0.36, 0.03, 0.02]
-        found, expected = call(Payload, position=tip), DEMO.payload(tip)
-        self.assertTrue(found.success and found.reached, found.message)
-        np.testing.assert_allclose(found.force, np.ravel(expected.forces_n), rtol=2e-3)
-        one = call(Payload, position=tip, direction=[0, 0, -2])
-        np.testing.assert_allclose(one.direction, [0, 0, -1])
-        np.testing.assert_allclose(one.force, np.ravel(DEMO.payload(tip, [0, 0, -1]).forces_n), rtol=2e-3)
-        self.assertFalse(call(Payload, position=[5, 0, 0]).reached)
-        self.assertIn("expected 3", call(Payload, position=[5, 0]).message)
 
     def test_a_large_batch_delays_no_target(self):
         """A call that takes seconds, all of whose tips are out of reach, and targets meanwhile."""

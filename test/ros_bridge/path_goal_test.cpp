@@ -56,17 +56,6 @@ std::string resultOf(PathChecker& checker) {
   return out ? messageOf(*out) : "no result";
 }
 
-TEST(PathChecker, GivesTheResultOfACheckOnce) {
-  Checks checks;
-  PathChecker checker;
-  checker.begin(checks.make("too far"));
-  EXPECT_FALSE(checker.take());
-  checks.may_end = true;
-  EXPECT_EQ(resultOf(checker), "too far");
-  EXPECT_FALSE(checker.take());
-  EXPECT_EQ(checks.stopped, 0);
-}
-
 TEST(PathChecker, WhatACheckThrowsIsItsResult) {
   PathChecker checker;
   checker.begin([](const std::atomic<bool>&) -> DecidedGoal {
@@ -319,17 +308,6 @@ TEST_F(TagMatching, AShapeGetsTheTagsOfItsStampInEitherOrder) {
   EXPECT_EQ(take(), -1);
 }
 
-TEST_F(TagMatching, WhereNoTagsComeNothingWaits) {
-  matcher.add(shapeOf(1), kNow);
-  EXPECT_EQ(take(), 1);
-  EXPECT_FALSE(seen->tags);
-  matcher.addTags(stampOf(1), Indices{1}, kNow);
-  matcher.add(shapeOf(2), kNow + TagMatcher::kSilence - kMoment);
-  EXPECT_EQ(take(kNow + TagMatcher::kSilence - kMoment), -1);
-  EXPECT_EQ(take(kNow + TagMatcher::kSilence + kMoment), 2);
-  EXPECT_FALSE(seen->tags);
-}
-
 TEST_F(TagMatching, AShapeWaitsForItsTimeOrForLaterTagsAndNoLonger) {
   matcher.addTags(stampOf(0), Indices{7}, kNow);
   matcher.add(shapeOf(1), kNow);
@@ -340,13 +318,6 @@ TEST_F(TagMatching, AShapeWaitsForItsTimeOrForLaterTagsAndNoLonger) {
   EXPECT_EQ(take(), -1);
   matcher.addTags(stampOf(3), Indices{2}, kNow);
   EXPECT_EQ(take(), 2);
-  EXPECT_FALSE(seen->tags);
-}
-
-TEST_F(TagMatching, TagsWithoutAFitLeaveTheShapeWithoutTags) {
-  matcher.addTags(stampOf(1), std::nullopt, kNow);
-  matcher.add(shapeOf(1), kNow);
-  EXPECT_EQ(take(), 1);
   EXPECT_FALSE(seen->tags);
 }
 
@@ -367,33 +338,6 @@ TEST(FittedTags, AreIndicesOfTheLayoutInAscendingOrder) {
   EXPECT_EQ(fittedTags(detections, layout), (Indices{0, 1}));
   detections.tags.push_back(detection(40, true));
   EXPECT_FALSE(fittedTags(detections, layout)) << "of another layout";
-}
-
-class CalibrationWatchTest : public ::testing::Test {
- protected:
-  // The length of muscle_2 is off by so many prior deviations, and known to so much of one.
-  const std::string& note(double time, double sigmas, double known) {
-    const Eigen::Vector2d prior(0.3, 0.002);
-    const Eigen::VectorXd value = Eigen::Vector2d(0, 0.002 * sigmas);
-    const Eigen::VectorXd deviation = Eigen::Vector2d(0.05, 0.002 * known);
-    watch_.note(time, {{"K_gamma", "length of muscle_2"}, value, deviation, prior});
-    return watch_.advice();
-  }
-  CalibrationWatch watch_;
-};
-
-TEST_F(CalibrationWatchTest, WhatLiesBeyondThreeSigmasForAMinuteIsToBeCalibratedAgain) {
-  EXPECT_EQ(note(10, 4, 0.1), "");
-  EXPECT_EQ(note(69.9, 4, 0.1), "");
-  EXPECT_EQ(note(70.1, 4, 0.1), "length of muscle_2 +0.8 %");
-  EXPECT_EQ(note(70.2, -4, 0.1), "length of muscle_2 -0.8 %");
-  EXPECT_EQ(note(70.3, 2.99, 0.1), "");
-}
-
-TEST_F(CalibrationWatchTest, AnUncertainDeviationIsNoReason) {
-  for (const double time : {0.0, 70.0}) EXPECT_EQ(note(time, 4, 0.34), "") << time;
-  for (const double time : {100.0, 170.0}) note(time, 4, 0.33);
-  EXPECT_NE(watch_.advice(), "");
 }
 
 }  // namespace

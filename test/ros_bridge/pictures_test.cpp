@@ -1,8 +1,6 @@
 // From pictures to what is measured in: messages, the one that waits, the model of its time.
 #include "ros_bridge/vision/pictures.hpp"
 
-#include <future>
-
 #include <gtest/gtest.h>
 #include <opencv2/imgproc.hpp>
 
@@ -12,7 +10,6 @@
 namespace helix_arm::ros_bridge {
 namespace {
 
-using std::chrono::steady_clock;
 
 const estimation::Camera kCamera{
     640, 480, 600.5, 599.5, 320.25, 239.75, {0.1, -0.2, 0.001, -0.002, 0.05, 0, 0, 0}};
@@ -68,25 +65,6 @@ TEST(Picture, ColoursBecomeTheSameGrayInEveryEncoding) {
   }
 }
 
-TEST(Picture, BayerPatternsAreNamedByTheirFirstPixels) {
-  // One colour all over, in the mosaic's own values: red 200, green 100, blue 50.
-  const double expected = 0.299 * 200 + 0.587 * 100 + 0.114 * 50;
-  for (const std::string pattern : {"rggb", "bggr", "gbrg", "grbg"}) {
-    cv::Mat mosaic(8, 8, CV_8UC1);
-    for (int y = 0; y < 8; ++y) {
-      for (int x = 0; x < 8; ++x) {
-        const char c = pattern[2 * (y % 2) + x % 2];
-        mosaic.at<std::uint8_t>(y, x) = c == 'r' ? 200 : c == 'g' ? 100 : 50;
-      }
-    }
-    auto image = toImageMsg({}, mosaic);
-    image.encoding = "bayer_" + pattern + "8";
-    const cv::Mat gray = grayOf(image);
-    ASSERT_FALSE(gray.empty());
-    EXPECT_NEAR(gray.at<std::uint8_t>(4, 4), expected, 1.0) << pattern;
-  }
-}
-
 TEST(Picture, RowsMayBePadded) {
   const cv::Mat bgr = colours(5, 3);
   sensor_msgs::Image image = toImageMsg({}, bgr);
@@ -99,40 +77,6 @@ TEST(Picture, RowsMayBePadded) {
   EXPECT_EQ(cv::norm(grayOf(image), grayOf(tight), cv::NORM_INF), 0);
 }
 
-TEST(Picture, OnlyJpegIsDecoded) {
-  vision::JpegDecoder decoder;
-  cv::Mat buffer;
-  sensor_msgs::CompressedImage image;
-  const auto faultOf = [&] {
-    return std::get<PictureRefusal>(fromMsg(image, decoder, buffer)).fault;
-  };
-  image.data = vision::JpegEncoder(90).encode(cv::Mat(16, 16, CV_8UC1, cv::Scalar(99)));
-  for (const char* format : {"", "jpeg", "JPG", "mono8; jpeg compressed mono8"}) {
-    image.format = format;
-    EXPECT_TRUE(std::holds_alternative<cv::Mat>(fromMsg(image, decoder, buffer))) << format;
-  }
-  image.format = "bgr8; png compressed bgr8";
-  EXPECT_EQ(faultOf(), PictureFault::kWrongEncoding);
-  image.format = "jpeg";
-  image.data.resize(image.data.size() / 2);
-  EXPECT_EQ(faultOf(), PictureFault::kBadJpeg);
-  image.data.clear();
-  EXPECT_EQ(faultOf(), PictureFault::kBadJpeg);
-}
-
-TEST(CameraInfo, SurvivesTheRoundTrip) {
-  estimation::Camera rational = kCamera;
-  rational.distortion = {0.1, -0.2, 0.001, -0.002, 0.05, 0.3, -0.1, 0.02};
-  estimation::Camera pinhole = kCamera;
-  pinhole.distortion = {};
-  for (const estimation::Camera& camera : {kCamera, rational, pinhole}) {
-    const auto taken = fromMsg(toCameraInfoMsg({}, camera));
-    ASSERT_TRUE(std::holds_alternative<estimation::Camera>(taken));
-    EXPECT_TRUE(equal(std::get<estimation::Camera>(taken), camera));
-  }
-  EXPECT_FALSE(equal(kCamera, rational));
-}
-
 TEST(CameraInfo, AnInvalidCalibrationIsRefused) {
   using Info = sensor_msgs::CameraInfo;
   const struct {
@@ -142,26 +86,19 @@ TEST(CameraInfo, AnInvalidCalibrationIsRefused) {
       {"K = 0", [](Info& i) { i.K.fill(0); }},
       {"not calibrated", [](Info& i) { i = {}; }},
       {"is not valid", [](Info& i) { i.K[0] = -600; }},
-      {"is not valid", [](Info& i) { i.K[2] = std::nan(""); }},
-      {"is not valid", [](Info& i) { i.width = 0; }},
       {"'equidistant'", [](Info& i) { i.distortion_model = "equidistant"; }},
       {"14 coefficients",
        [](Info& i) {
          i.D.assign(14, 0.1);
          i.distortion_model = "rational_polynomial";
        }},
-      {"'rational_polynomial' with 5 coefficients",
-       [](Info& i) { i.distortion_model = "rational_polynomial"; }},
-      {"'plumb_bob' with 3 coefficients", [](Info& i) { i.D.resize(3); }},
       {"skew", [](Info& i) { i.K[1] = 12; }},
       {"K transposed",
        [](Info& i) {
          std::swap(i.K[2], i.K[6]);
          std::swap(i.K[5], i.K[7]);
        }},
-      {"K[8] = 0", [](Info& i) { i.K[8] = 0; }},
       {"far from the centre", [](Info& i) { i.K[2] = 0.24 * i.width; }},
-      {"far from the centre", [](Info& i) { i.K[5] = 0.76 * i.height; }},
       {"binning", [](Info& i) { i.binning_x = 2; }},
       {"region", [](Info& i) { i.roi.x_offset = 10; }},
   };
@@ -174,18 +111,6 @@ TEST(CameraInfo, AnInvalidCalibrationIsRefused) {
 
 Picture pictureAt(double seconds) { return {ros::Time(seconds), cv::Mat()}; }
 
-// That an answer is not there yet, and that it comes: how long these are waited for.
-template <class T>
-bool waits(std::future<T>& answer) {
-  return answer.wait_for(std::chrono::milliseconds(20)) == std::future_status::timeout;
-}
-constexpr std::chrono::seconds kLong(20);
-template <class T>
-T came(std::future<T>& answer) {
-  EXPECT_EQ(answer.wait_for(kLong), std::future_status::ready);
-  return answer.get();
-}
-
 TEST(PictureMailbox, ANewerPictureReplacesTheOneThatWaits) {
   PictureMailbox mailbox;
   EXPECT_FALSE(mailbox.put(pictureAt(1)));
@@ -193,28 +118,6 @@ TEST(PictureMailbox, ANewerPictureReplacesTheOneThatWaits) {
   EXPECT_EQ(mailbox.take().value().stamp, ros::Time(2));
   // The one that is measured is not replaced.
   EXPECT_FALSE(mailbox.put(pictureAt(3)));
-}
-
-TEST(PictureMailbox, IdleIsWhenNoneWaitsAndTheLastIsDone) {
-  PictureMailbox mailbox;
-  EXPECT_TRUE(mailbox.waitUntilIdle());
-  mailbox.put(pictureAt(1));
-  auto idle = std::async(std::launch::async, [&] { return mailbox.waitUntilIdle(); });
-  EXPECT_TRUE(waits(idle));
-  mailbox.take();
-  EXPECT_TRUE(waits(idle));
-  mailbox.done();
-  EXPECT_TRUE(came(idle));
-}
-
-TEST(PictureMailbox, StoppingEndsAllWaits) {
-  PictureMailbox mailbox;
-  auto taken = std::async(std::launch::async, [&] { return mailbox.take().has_value(); });
-  auto slept = std::async(std::launch::async,
-                          [&] { return mailbox.sleepUntil(steady_clock::now() + 2 * kLong); });
-  EXPECT_TRUE(waits(taken) && waits(slept));
-  mailbox.stop();
-  EXPECT_FALSE(came(taken) || came(slept));
 }
 
 class History : public ::testing::Test {
@@ -256,14 +159,6 @@ TEST_F(History, AJumpBackInTimeForgetsWhatWasAhead) {
   EXPECT_EQ(markAt(5.0), 2);
 }
 
-TEST_F(History, APictureFromBeforeForgetsModelsFromBeforeTheJump) {
-  add(5.0, 1);
-  add(6.0, 2);
-  history_.forgetFuture(ros::Time(5.1));
-  EXPECT_EQ(markAt(5.1), 1);
-  EXPECT_EQ(markAt(6.0), -1);
-}
-
 TEST_F(History, ANearerModelMayComeUntilOneIsAsLate) {
   EXPECT_FALSE(history_.mayGetNearer(ros::Time(10.0)));  // none comes at all
   add(9.9, 1);
@@ -271,14 +166,6 @@ TEST_F(History, ANearerModelMayComeUntilOneIsAsLate) {
   add(10.0, 2);
   EXPECT_FALSE(history_.mayGetNearer(ros::Time(10.0)));
   EXPECT_FALSE(history_.mayGetNearer(ros::Time(20.0)));  // they stopped coming
-}
-
-TEST_F(History, TheLagIsOfTheLatestModel) {
-  EXPECT_FALSE(history_.lag(ros::Time(10.0)));
-  add(9.0, 1);
-  add(9.5, 2);
-  EXPECT_NEAR(*history_.lag(ros::Time(10.0)), 0.5, 1e-9);
-  EXPECT_NEAR(*history_.lag(ros::Time(9.0)), -0.5, 1e-9);
 }
 
 }  // namespace

@@ -7,13 +7,11 @@ import sys
 import numpy as np
 import rospy
 import rostest
-import yaml
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", "support"))
 from helix_arm import Scene  # noqa: E402
-from helix_arm.msg import ArmShape, TagDetections, TargetStatus, TipTarget  # noqa: E402
+from helix_arm.msg import ArmShape, TargetStatus  # noqa: E402
 from helix_arm.srv import Reload  # noqa: E402
-from loop_rig import place, target_at  # noqa: E402
 from processes import SOURCE  # noqa: E402
 from ros_case import CommanderCase  # noqa: E402
 
@@ -71,19 +69,6 @@ class Reloading(CommanderCase):
         self.assert_taken("pressure_command", "")
         self.assert_models(demo)
 
-    def test_a_tip_target_goes_where_the_new_response_is_effective(self):
-        """The effective pressure of muscles with play that come down is above their pressure."""
-        path = self.scene_with(DEMO, {"contractions.fig3_muscle.response": {"play_kpa": [20], "play_weight": [0.6]}})
-        self.assert_taken("pressure_command", path)
-        self.assertEqual(self.send_pressures([3e5, 0, 0]).outcome, TargetStatus.REACHED)
-        self.assertTrue(self.measured.next(lambda measured: measured.pressure[0] > 2.9e5))
-        self.held = None
-        wanted, publisher = Scene.load(path).tips([2e5, 2e4, 2e4]), rospy.Publisher("tip_target", TipTarget, queue_size=10)
-        self.assert_wait(lambda: publisher.get_num_connections() > 0)
-        self.assert_wait(lambda: self.status.answer_to(publisher, target_at(wanted)).outcome == TargetStatus.REACHED and
-                         np.linalg.norm(place(self.model[-1].tip.position) - wanted) < 1e-3)
-        self.assertLess(self.command[-1].pressure[0], 2e5 - 0.5 * 0.6 * 2e4, "less than its effective pressure")
-
     def test_a_faulty_file_changes_nothing(self):
         faulty, broken = self.scene_with(DEMO, {"nonsense": 1}), self.path("broken.yaml")
         with open(broken, "w") as file:
@@ -98,30 +83,6 @@ class Reloading(CommanderCase):
         for name in NODES:
             for scene in ("planar_76", shutil.copy(BRISK, self.path("brisk.yaml"))):
                 self.assert_refused(name, scene, "not of the running rig" if name == "pressure_command" else "")
-
-    def test_vision_looks_for_the_new_scenes_tags_from_the_next_picture_on(self):
-        """Seen from 5 cm farther away, the same picture is of an arm that is 5 cm farther away."""
-        seen, pictures = self.inbox("measured", ArmShape), self.inbox("tag_detections", TagDetections)
-        self.run_node("simulated_rig", "_scene:=demo", "_regulator:=topic", "_camera_rate:=8")
-        self.assert_wait(lambda: len(seen) > 3)
-        before = place(seen[-1].tip.position)
-
-        def is_moved(shape):
-            return np.linalg.norm(place(shape.tip.position) - before) > 0.01
-
-        with open(DEMO) as file:
-            position = np.array(yaml.safe_load(file)["camera"]["position_m"])
-        arm = np.array([0, 0, position[2]])
-        self.assert_taken("vision", self.scene_with(DEMO, {
-            "camera.position_m": (position + 0.05 * (position - arm) / np.linalg.norm(position - arm)).tolist(),
-            "vision.base_prior": {"translation_m": 0.0001, "rotation_deg": 0.01}}))
-        shown = len(pictures)
-        self.assert_wait(lambda: len(pictures) > shown + 2)
-        taken = pictures[shown + 2].header.stamp
-        self.assert_wait(lambda: len(pictures) > shown + 8)
-        self.assertTrue(all(is_moved(shape) for shape in seen if shape.header.stamp >= taken))
-        self.assert_taken("vision", "demo")
-        self.assertTrue(seen.next(lambda shape: not is_moved(shape)))
 
 
 if __name__ == "__main__":

@@ -33,13 +33,6 @@ class UnderLoad(CommanderCase):
     def assert_diagnosed(self, **values):
         self.assert_wait(lambda: values.items() <= self.diagnosed("model").items())
 
-    def test_the_model_is_of_the_loaded_tier_in_pieces(self):
-        model = self.model.next()
-        self.assertEqual((model.tier, model.sections, model.pieces, len(model.piece_twist)), ("loaded", 1, 8, 48))
-        self.assertGreaterEqual(model.order, 2)
-        self.assertTrue(model.tier_reason)
-        self.assert_diagnosed(tier="loaded", order=str(model.order), solve_status="converged")
-
     def test_where_no_shape_holds_the_load_there_is_no_model_and_the_diagnostics_say_so(self):
         """An arm on its head, with more on it than it can bear at every pressure."""
         path = self.scene_with(LOADED, {"tier": "loaded", "order": 2, "arm.base.rpy_deg": [0, -90, 0], "load.mass_kg": 20})
@@ -61,12 +54,6 @@ class UnderLoad(CommanderCase):
         for model in self.model[first:]:
             pressure = measured.get(model.header.stamp)  # a busy machine may have dropped it
             self.assertTrue(pressure is None or scene.forward(np.clip(pressure, *scene.limits_pa.T)).converged)
-
-    def test_a_reloaded_scene_without_load_is_of_the_linear_tier(self):
-        self.assertTrue(reload(self.scene_with(LOADED, {"load": None})))
-        model = self.model.next(lambda one: one.tier == "linear")
-        self.assertEqual((model.order, model.pieces), (0, 1))
-        self.assert_diagnosed(tier="linear")
 
 
 if __name__ == "__main__":

@@ -8,10 +8,8 @@ import sys
 import numpy as np
 import rospy
 import rostest
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Point, PoseStamped
 from tf2_msgs.msg import TFMessage
-from visualization_msgs.msg import MarkerArray
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", "support"))
 from helix_arm.msg import ArmShape, LoopStatus, SafetyState, TargetStatus  # noqa: E402
@@ -34,32 +32,6 @@ class VisualServo(LoopRig):
         self.assertGreater(status.accepted, 2)
         self.assertTrue(0 < status.predicted_sd < 0.01, status)
         self.assertTrue(math.isnan(status.path_time))
-
-    def test_tells_its_estimate_and_draws_its_error_budget(self):
-        estimate = self.estimate.next()
-        self.assertEqual((estimate.tier, estimate.header.frame_id), ("estimated", "arm_base"))
-        covariance = np.reshape(estimate.twist_covariance, (6, 6))
-        self.assertGreater(covariance.diagonal().min(), 0)
-        np.testing.assert_allclose(covariance, covariance.T, atol=1e-12 * np.linalg.norm(covariance))
-        self.assertTrue(Inbox("loop_markers", MarkerArray).next(lambda array: any(
-            marker.ns == "error_budget" and " mm placement\n" in marker.text for marker in array.markers)))
-
-    def test_the_tags_of_each_fit_reach_it(self):
-        """Else it would take those that face the camera for those in sight."""
-        diagnostics = Inbox("/diagnostics", DiagnosticArray)
-
-        def counts():
-            for array in reversed(diagnostics):
-                for status in array.status:
-                    if status.name == "visual_servo: loop":
-                        values = {pair.key: pair.value for pair in status.values}
-                        return float(values["accepted"]), float(values["without_tags"])
-            return -1, -1
-
-        self.assert_wait(lambda: counts()[0] > 0)
-        accepted, without = counts()
-        self.assert_wait(lambda: counts()[0] >= accepted + 20, 60)
-        self.assertLess(counts()[1], without + 10)
 
     def test_whoever_falls_silent_lets_go_of_the_arm(self):
         self.assert_comes_to(LoopStatus.CLOSED, target_at(MIDDLE))

@@ -48,7 +48,7 @@ class Cockpit : public PanelWindow {
     return std::make_unique<Process>(arguments);
   }
 
-  virtual void startArm() {
+  void startArm() {
     rig_ = start(HELIX_ARM_SIMULATED_RIG);
     pressure_ = start(HELIX_ARM_PRESSURE_COMMAND,
                       {"_regulator:=topic", "_auto_enable:=false", "_frame_prefix:=left_"});
@@ -145,13 +145,6 @@ TEST_F(Cockpit, ASliderMovesThePressureAndHoldsItWithoutAnyOtherCommander) {
   EXPECT_EQ(safety_.last().cause, "none");
 }
 
-TEST_F(Cockpit, ThePayloadIsToldOnRequest) {
-  awaitOffer("tip_payload");
-  click("tip_payload");
-  awaitSaid("answer", "Payload: from ");
-  EXPECT_TRUE(says("answer", " N along (")) << text("answer");
-}
-
 TEST_F(Cockpit, TheEmergencyStopLatchesUntilItIsReleased) {
   enable();
   click("stop");
@@ -201,42 +194,6 @@ TEST_F(Cockpit, TheStopGoesToTheArmThatItNamesWhileAnotherNameIsTyped) {
   await([this] { return !text("answer").empty(); });
   EXPECT_TRUE(says("answer", "/right/pressure_command/emergency_stop")) << text("answer");
   EXPECT_FALSE(safety_.last().stopped);
-}
-
-// With a camera and a calibration of short looks and steep ramps.
-class CockpitCalibration : public Cockpit {
- protected:
-  void startArm() override {
-    Cockpit::startArm();
-    vision_ = start(HELIX_ARM_VISION, {"_frame_prefix:=left_", "_stale_after_s:=5"});
-    calibration_ = start(HELIX_ARM_CALIBRATION,
-                         {"_ramp_kpa_s:=500", "_window_s:=0.3", "_max_age_s:=5",
-                          "_pressure_tolerance_kpa:=6", "_out_folder:=" + folder_.path()});
-  }
-
-  std::unique_ptr<Process> vision_, calibration_;
-};
-
-TEST_F(CockpitCalibration, CancelEndsTheRunAndTheArmIsVented) {
-  enable();
-  awaitOffer("calibration_start");
-  EXPECT_FALSE(isOffered("calibration_cancel"));
-  await([this] {  // once the node has seen enough to begin
-    if (isOffered("calibration_start")) click("calibration_start");
-    return until([this] { return text("calibration").find("step ") == 0; }, 1);
-  });
-  await([this] {
-    const auto& p = command_.last().pressure;
-    return *std::max_element(p.begin(), p.end()) > 5e4;
-  });
-  for (const char* name : {"slider_0", "tip_go", "hold", "calibration_start", "calibration_use"}) {
-    EXPECT_FALSE(isOffered(name)) << name;
-  }
-  click("calibration_cancel");
-  awaitSaid("calibration", "cancelled");
-  EXPECT_FALSE(isOffered("calibration_use"));
-  await([this] { return state() == SafetyState::DISABLED; });
-  EXPECT_EQ(safety_.last().cause, "none") << safety_.last().reason;
 }
 
 }  // namespace
