@@ -15,7 +15,7 @@ from scipy.optimize import brentq
 from helix_arm.experiments import EXPERIMENTS, Recording, iso9283, read_series, step
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
-from test_size import draws, full_size_only
+from test_size import draws
 
 DATA = Path(__file__).resolve().parents[3] / "shared/data"
 COMMAND = None
@@ -128,24 +128,6 @@ class RealArmTest(unittest.TestCase):
         found = figures("step", read_series(DATA / "silicone_rings.csv", 0), [])
         self.within(found["arm frequency"], 8.14, 0.005)
         self.within(found["arm damping ratio"], 0.084, 0.0005)
-
-    def analysed(self, name):
-        """Figures of `analyse all` by experiment."""
-        done = subprocess.run([COMMAND, "experiment", "analyse", "all", str(DATA / name), "--format", "json"], stdout=subprocess.PIPE)
-        sheets = json.loads(done.stdout)
-        self.assertEqual([sheet["experiment"] for sheet in sheets], ["hysteresis", "step", "creep"])
-        found = {sheet["experiment"]: sheet["figures"] for sheet in sheets}
-        self.assertEqual(done.returncode, 0 if any(one["value"] is not None for sheet in found.values() for one in sheet) else 1)
-        return found
-
-    @full_size_only
-    def test_the_data_sheet_of_steps_has_lag_and_loop_width(self):
-        found = self.analysed("three_chamber_steps.csv")
-        values = {one["name"]: one for sheet in found.values() for one in sheet if one["value"] is not None}
-        for name, least, most in (("actuator_1 up 10 to 34 kPa 63 % time, tip", 0.9, 1.2), ("actuator_1 loop width at 15.7 s", 50, 80)):
-            self.assertGreater(values[name]["value"], least)
-            self.assertLess(values[name]["value"], most)
-            self.assertGreater(values[name]["standard_error"], 0)
 
 
 class RunTest(unittest.TestCase):

@@ -78,12 +78,6 @@ class ForwardTest(unittest.TestCase):
             np.testing.assert_array_equal(self.scene.tips(p, threads=threads), self.scene.tips(p))
             np.testing.assert_array_equal(self.scene.forward(p, threads=threads).tips, self.scene.forward(p).tips)
 
-    def test_out_is_written(self):
-        p = pressures_of(self.scene, 10)
-        out = np.zeros((10, 3))
-        self.assertIs(self.scene.tips(p, out=out), out)
-        np.testing.assert_array_equal(out, self.scene.tips(p))
-
     def test_rows_without_equilibrium_hold_nan(self):
         scene = helix_arm.Scene.load("loaded", {"arm.base.rpy_deg": [0, 0, 0], "load.mass_kg": 200, "tier": "loaded", "order": 5})
         result = scene.forward(np.full((2, 3), 2e5))
@@ -133,19 +127,6 @@ class InverseTest(unittest.TestCase):
         self.assertGreater(found.position_error_m, 4)
 
 
-class CurveTest(unittest.TestCase):
-    def test_ends_at_base_and_tip(self):
-        for name in ["helical_50", "loaded"]:
-            scene = helix_arm.Scene.load(name)
-            p = pressures_of(scene, 3)
-            curve, ends = scene.curve(p, points=11), scene.forward(p)
-            self.assertEqual(curve.positions.shape, (3, 11, 3))
-            np.testing.assert_allclose(curve.positions[:, 0], 0, atol=1e-15)
-            np.testing.assert_allclose(curve.positions[:, -1], ends.tips, atol=1e-12)
-            np.testing.assert_allclose(curve.quaternions_xyzw[:, -1], ends.quaternions_xyzw, atol=1e-12)
-            self.assertEqual(scene.curve(p[0], points=2).positions.shape, (2, 3))
-
-
 class JacobianTest(unittest.TestCase):
     # The accuracy of differences of sixth order, relative to the largest entry.
     def check(self, found, expected, tolerance=1e-8):
@@ -160,14 +141,6 @@ class JacobianTest(unittest.TestCase):
                 self.assertTrue(found.converged)
                 self.check(found.tip_by_pressures[:3], difference(lambda q: scene.forward(q).tips, p, 3e3))
                 self.check(found.twists_by_pressures, difference(lambda q: scene.forward(q).twists, p, 3e3))
-
-    def test_batches_are_rows_of_single_calls(self):
-        scene = helix_arm.Scene.load("demo")
-        p = pressures_of(scene, 6)
-        batch = scene.jacobian(p, threads=2)
-        for i, row in enumerate(p):
-            for name, value in scene.jacobian(row).to_dict().items():
-                np.testing.assert_array_equal(getattr(batch, name)[i], value, err_msg=name)
 
 
 class PayloadTest(unittest.TestCase):

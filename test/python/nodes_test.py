@@ -53,12 +53,6 @@ class SeriesTest(unittest.TestCase):
         series.advance(1.0)
         self.expect(series, 1, 175, 25)
 
-    def test_without_a_ramp_it_jumps(self):
-        series = player(ramp=0.0)
-        self.expect(series, 0, 100, 200)
-        series.advance(1.0)
-        self.expect(series, 1, 300, 0)
-
 
 def series_of(*pairs):
     out = TimeSeries()
@@ -85,14 +79,6 @@ class TimeSeriesTest(unittest.TestCase):
         series = series_of((10, 1), (10.5, 2))
         for moment, value in ((9.9, None), (10, 1), (10.499, 1), (10.5, 2), (11.499, 2), (11.501, None)):
             self.assertEqual(series.in_force(moment), value, moment)
-
-    def test_a_jump_back_or_another_size_starts_anew(self):
-        series = series_of((10, 1), (5, 2))
-        self.assertFalse(series.covers(6))
-        self.assertEqual(series.in_force(5), 2)
-        series.add(5.1, np.array([1, 2]))
-        self.assertIsNone(series.in_force(5))
-        self.assertEqual(series.in_force(5.1).tolist(), [1, 2])
 
 
 def row_at(stamp, path_time, measured=0.003, **more):
