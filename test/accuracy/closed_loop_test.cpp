@@ -437,46 +437,6 @@ TEST(ClosedLoop, ATurnOfTheCircleWithoutPictures) {
   EXPECT_LE(rms, 0.0015);
 }
 
-// A camera that hangs while the arm moves, and sends its last picture with new stamps. A loop that
-// believed it would push the arm to its limits.
-TEST(ClosedLoop, ACameraThatHangsIsNotFollowed) {
-  const io::Scene scene = demo();
-  const auto tip = [&scene](double a, double b, double c) {
-    return scene.model.tip(scene.arm.inputAt(Eigen::Vector3d(a, b, c))).tip.translation;
-  };
-  FollowPlan plan;
-  plan.tips = {tip(0.2, 0.5, 0.5), tip(0.7, 0.3, 0.3), tip(0.7, 0.3, 0.3)};
-  ASSERT_GT((plan.tips[1] - plan.tips[0]).norm(), 0.03);
-  plan.seconds = 12;
-  plan.vision = simulation::VisionKind::kRendered;
-  plan.frozen = model::Range{3.5, 8.0};
-  const FollowResult result = run(scene, plan);
-  constexpr double kStart = 4.0;  // to the second tip
-  double last = 0, most = 0, at_end = 0;
-  for (const procedures::FollowRow& row : result.rows) {
-    if (!row.wanted) continue;
-    const double error = (row.true_tip - *row.wanted).norm();
-    if (row.time > 7 && row.time < plan.frozen->upper) most = std::max(most, error);
-    if (row.time < plan.frozen->upper && row.measured) last = row.measured_time;
-    at_end = error;
-  }
-  std::printf(
-      "[  FIGURE  ] a camera that hangs: believed for %.2f s of a motion, then the tip is %.1f mm "
-      "off at most; %.2f mm once it sends pictures again\n",
-      last - kStart, kMm * most, kMm * at_end);
-  EXPECT_GT(last, plan.frozen->lower + 0.3) << "an arm at rest looks the same";
-  EXPECT_LT(last, kStart + 0.5);
-  std::vector<follow::LoopState> states;
-  for (const procedures::FollowState& state : result.states) {
-    if (state.time > kStart) states.push_back(state.state);
-  }
-  using follow::LoopState;
-  EXPECT_EQ(states,
-            (std::vector<LoopState>{LoopState::kCoasting, LoopState::kOpen, LoopState::kClosed}));
-  EXPECT_LT(most, 0.025);
-  EXPECT_LT(at_end, 0.001);
-}
-
 // @param hidden  ids of tags that no capture of the calibration shows.
 io::Scene calibratedOn(const io::Scene& rig, const std::vector<int>& hidden) {
   auto regulator = std::get<regulator::SimulatedRegulatorConfig>(rig.regulator.value());

@@ -196,27 +196,5 @@ TEST(ArmFilter, OmitsTheEntriesThatAPlanarFitFixes) {
   EXPECT_LT((model::tipPose(*filter.shape(pressure)).translation - truth).norm(), before / 3);
 }
 
-// Bending and shear of a tilted arm do nearly the same: where only their combination is known, the
-// shape is, too.
-TEST_F(HelicalArmFilter, StartsWithTheCorrelationOfItsStiffness) {
-  ArmFilterOptions options;
-  options.length_deviation = 1e-9;
-  options.stroke_deviation = 0;
-  options.bias_translation = options.bias_rotation = 1e-9;
-  const auto startOf = [&](double correlation) {
-    options.stiffness_correlation(0, 1) = options.stiffness_correlation(1, 0) = correlation;
-    return ArmFilter(model_, options);
-  };
-  ArmFilter apart = startOf(0);
-  const Eigen::VectorXd prior = apart.parameterPrior();
-  const Eigen::MatrixXd diagonal = prior.cwiseAbs2().asDiagonal();
-  EXPECT_EQ(apart.state().covariance.topLeftCorner(5, 5), diagonal);
-  ArmFilter together = startOf(-0.9);
-  Eigen::MatrixXd expected = diagonal;
-  expected(0, 1) = expected(1, 0) = -0.9 * prior[0] * prior[1];
-  EXPECT_TRUE(together.state().covariance.topLeftCorner(5, 5).isApprox(expected, 1e-14));
-  EXPECT_EQ(together.parameterPrior(), prior);
-}
-
 }  // namespace
 }  // namespace helix_arm::estimation

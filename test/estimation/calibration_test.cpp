@@ -104,27 +104,6 @@ TEST(Calibration, HeldOutCapturesArePredictedByAFitWithoutThem) {
   EXPECT_GT(all.by_pressure->error, all.by_pressure->in_sample);
 }
 
-TEST(Calibration, SeveralArmsShareOneStiffnessAndEachIsPredictedByTheOthers) {
-  Random random(8);
-  std::vector<ArmCaptures> arms;
-  for (const double radius : {0.02, 0.0254, 0.04}) {
-    test::Ring ring = test::straightRing();
-    ring.radius = radius;
-    const model::Arm known = test::ringArm(ring);
-    arms.push_back(curvatures(known, scaled(known, 1.3, 1.0), 0.01, random));
-    arms.back().name = "arm of " + std::to_string(radius);
-  }
-  CalibrationOptions options;
-  options.fit.erase(FitParameter::kGamma);
-  const Calibration found = calibrated(arms, options);
-  const Parameter& kappa = parameter(found, "K_kappa");
-  EXPECT_LT(std::abs(kappa.value - 1.3 * 1.38e-4), 3 * kappa.standard_error);
-  ASSERT_TRUE(found.by_arm);
-  ASSERT_EQ(found.by_arm->groups.size(), 3u);
-  EXPECT_EQ(found.by_arm->groups[1].label, arms[1].name);
-  EXPECT_LT(found.by_arm->error, 0.03);
-}
-
 // What cannot be calibrated, and the words that tell why.
 TEST(Calibration, RefusesWithAReason) {
   using Status = CalibrationStatus;
@@ -140,10 +119,6 @@ TEST(Calibration, RefusesWithAReason) {
     bool tags = false;
   } cases[] = {
       {Status::kNoCaptures, "record some", [](auto& data, auto&) { data.captures.clear(); }},
-      {Status::kOnePressure, "100, 0, 0.5 kPa",
-       [](auto& data, auto&) {
-         for (Capture& one : data.captures) one.pressure = Eigen::Vector3d(1e5, 0, 500);
-       }},
       {Status::kBadData, "positions in metres, and these seem to be millimetres",
        [](auto& data, auto&) {
          for (Capture& one : data.captures) {

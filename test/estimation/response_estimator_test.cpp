@@ -95,7 +95,9 @@ TEST_P(FoundMode, IsThatOfTheArm) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Arms, FoundMode,
-                         testing::Values(TrueArm{0.3, Mode{1.5, 0.1}}, TrueArm{0.1, Mode{0.9, 0.1}},
+                         testing::Values(TrueArm{0.0, Mode{1.5, 0.05}},
+                                         TrueArm{0.3, Mode{1.5, 0.1}}, TrueArm{0.1, Mode{0.9, 0.1}},
+                                         TrueArm{0.1, Mode{3.0, 0.1}},
                                          TrueArm{0.05, Mode{4.5, 0.05}}));
 
 TEST(ResponseEstimator, KnowsLagAndPlayAfterAMinute) {

@@ -92,32 +92,6 @@ TEST_F(Loop, NeverJumps) {
   EXPECT_LT(most, 8e3);  // 19 mm of correction go and come
 }
 
-TEST_F(Loop, FollowsAPathFromWhereItIs) {
-  close();
-  bench_.loop.follow(control::TipPath({{0.0, there_, {}, {}}, {3.0, here_, {}, {}}}));
-  bench_.step();
-  ASSERT_TRUE(bench_.loop.turn().path_time);
-  const double approach = -*bench_.loop.turn().path_time;
-  EXPECT_GT(approach, (there_ - here_).norm() / control::kApproachSpeed);
-  EXPECT_LT((bench_.loop.turn().wanted.translation - here_).norm(), 1e-3);
-  double most = 0;
-  bench_.run(approach);
-  while (*bench_.loop.turn().path_time < 3.2) {
-    bench_.step();
-    most = std::max(most, bench_.error());
-  }
-  // 0.05 m/s, unlearned: no lag, of which the arm has none, takes a part of the model's error.
-  EXPECT_LT(most, 5.2e-3);
-  EXPECT_LT((bench_.loop.turn().wanted.translation - here_).norm(), 1e-9);
-  bench_.loop.hold();
-  bench_.step();
-  EXPECT_FALSE(bench_.loop.turn().path_time);
-  EXPECT_TRUE(bench_.loop.turn().commands);
-  bench_.loop.release();
-  bench_.step();
-  EXPECT_FALSE(bench_.loop.turn().commands);
-}
-
 // The clock is set back, as by a recording that begins again: what is known of the arm stays.
 TEST_F(Loop, GoesOnWhereTheClockIsSetBack) {
   close();

@@ -133,17 +133,6 @@ Eigen::Vector3d tipOfPieces(int count, const PieceAt& pieceAt) {
   return X.translation;
 }
 
-// The tip by very many steps of order 2, extrapolated (Richardson): independent of Magnus steps.
-Eigen::Vector3d tipByMidpoints(const Section& section, const Eigen::VectorXd& lengths) {
-  const auto with = [&](int steps) {
-    return tipOfPieces(steps, [&](int j) {
-      return lie::Vector6(twistAt(section, (j + 0.5) / steps, lengths) / steps);
-    });
-  };
-  const Eigen::Vector3d coarse = with(200), fine = with(400);
-  return fine + (fine - coarse) / 3.0;
-}
-
 Eigen::Vector3d tipBySteps(const TaperOf<lie::SE3>& taper, const Eigen::VectorXd& lengths,
                            int steps) {
   return tipOfPieces(steps, [&](int j) {
@@ -163,27 +152,6 @@ TEST(Taper, ItsPolynomialsAreTheEquilibriumOfEveryCrossSection) {
     EXPECT_LT((taper.complianceAt(s) - expected.compliance).norm(),
               1e-7 * expected.compliance.norm())
         << s;
-  }
-}
-
-TEST(Taper, MagnusStepsConvergeWithOrderSix) {
-  for (const double tilt : {0.0, kTilt}) {
-    const Section section = test::taperedSection(
-        tilt == 0.0 ? test::straightRing() : test::helicalRing(), {0.05, 0.025}, {tilt, tilt});
-    const TaperOf<lie::SE3> taper(section.actuators);
-    const Arm arm({section});
-    const Eigen::VectorXd lengths = arm.lengths(Eigen::Vector3d(3e5, 0, 5e4));
-    const auto tipWith = [&](int steps) { return tipBySteps(taper, lengths, steps); };
-    const Eigen::Vector3d reference = tipWith(64);
-    double before = (tipWith(2) - reference).norm();
-    EXPECT_GT(before, 1e-7);
-    for (const int steps : {4, 8}) {
-      const double error = (tipWith(steps) - reference).norm();
-      EXPECT_GT(before / error, 40.0) << steps;  // 64 by the order
-      EXPECT_LT(before / error, 90.0) << steps;
-      before = error;
-    }
-    EXPECT_LT((reference - tipByMidpoints(section, lengths)).norm(), 1e-8);
   }
 }
 

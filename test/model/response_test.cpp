@@ -225,6 +225,18 @@ TEST(Response, TheInverseClosesWithTheSlowStateHeldAndAtRest) {
   EXPECT_GT(inside, 3000);
 }
 
+TEST(Response, PlaysFollowTheLaggedInput) {
+  Response response = kTwoPlays;
+  response.rise_time = response.fall_time = 0.8;
+  ResponseState state(response);
+  state.step(1e5, 0);
+  state.step(4e5, 0.4);
+  const double x = 4e5 - 3e5 * std::exp(-0.5);
+  EXPECT_NEAR(state.lagged(), x, kRounding);
+  EXPECT_NEAR(state.effective(), x - 0.3 * 2e4 - 0.4 * 6e4, kRounding);
+  EXPECT_NEAR(after(kTwoPlays, {0, 5e5, 3e5}).effective(), 3e5 + 0.3 * 2e4 + 0.4 * 6e4, kRounding);
+}
+
 TEST(Response, RefusesWeightsOfPlaysAndSlowStateBeyond95Percent) {
   const auto check = [](const Response& response) { return refusal([&] { response.validate(); }); };
   const std::string fault = "response: the sum of the weights is 0.96; expected at most 0.95";

@@ -136,20 +136,6 @@ TEST(Inverse, GivesTheClosestTipWhereTheTargetCannotBeReached) {
   }
 }
 
-TEST(Inverse, ConvergesForTargetsAnywhere) {
-  test::Random random(104);
-  for (const model::Arm& arm :
-       {test::ringArm(test::straightRing()), test::ringArm(test::helicalRing()),
-        test::ringArm(test::straightRing(4), 2)}) {
-    InverseSolver solver(arm);
-    const int count = arm.sectionCount() == 1 ? test::draws(300, 3000) : test::draws(40, 200);
-    for (int i = 0; i < count; ++i) {
-      const Eigen::Vector3d target = random.logUniform(0.01, 100) * random.direction<3>();
-      EXPECT_TRUE(solver.toPosition(target, arm.inputAt(0)).converged()) << target.transpose();
-    }
-  }
-}
-
 TEST(Inverse, ReportsActiveLimits) {
   const model::Arm arm = test::ringArm(test::straightRing());
   InverseSolver solver(arm);

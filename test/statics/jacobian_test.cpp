@@ -294,19 +294,6 @@ TEST(LoadedJacobian, EveryOrderAndTheExactTierAgreeWithDifferencesOfTheirOwnSolu
   }
 }
 
-TEST(LoadedJacobian, HoldsInThePlaneAndOutOfIt) {
-  const model::PlanarArm plane = test::planarArm(2);
-  const model::Arm arm = model::embed(plane);
-  Load load = test::evenLoad(2, {1, -9, 0}, 0.05, 900);
-  load.K_eps[1] = 1100;
-  const Eigen::VectorXd q = arm.inputAt(Eigen::VectorXd(Eigen::Vector4d(0.2, 0.7, 0.5, 0.3)));
-  ASSERT_TRUE(staysInPlane(arm, load));
-  expectDerivatives({"in space", arm, load, loadedTier(5), q});
-  const ArmModel planar(arm, plane, load, loadedTier(5)),
-      space(arm, std::nullopt, load, loadedTier(5));
-  EXPECT_EQ(jacobianAt(planar, q).by_load->tip, jacobianAt(space, q).by_load->tip);
-}
-
 TEST(LoadedJacobian, TheResponseOfTheTipIsThatOfTheWholeJacobian) {
   Random random(305);
   const model::Arm plated = variedArm(2, 4, true, random), tapered = test::taperedArm(0.26);

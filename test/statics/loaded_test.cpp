@@ -1,7 +1,5 @@
 #include "helix_arm/statics/loaded.hpp"
 
-#include <cstdio>
-
 #include <gtest/gtest.h>
 
 #include "helix_arm/model/curve.hpp"
@@ -14,33 +12,6 @@ namespace helix_arm::statics {
 namespace {
 
 using test::Posture;
-
-TEST(Loaded, AgreesWithShootingOnArmsOfAnySectionsAndPoints) {
-  test::Random random(5);
-  double worst = 0;
-  for (int i = 0; i < 60; ++i) {
-    const int sections = random.integer(1, 3);
-    const model::Arm arm = randomRings(sections, {3, 5}, 0.0, random);
-    const Load load = test::randomLoad(sections, random);
-    const model::Twists twists = arm.twists(test::randomInput(arm, random));
-    const Solution truth = ExactArm(arm, load).solve(twists);
-    const Solution found = LoadedArm(arm, load, kMostOrder).solve(twists);
-    ASSERT_TRUE(truth.converged());
-    ASSERT_TRUE(found.converged()) << i << ": " << found.residual;
-    const double length = arm.restLength();
-    EXPECT_GT((truth.tip.translation - model::tipPose(twists).translation).norm(), 1e-4 * length);
-    worst = std::max(worst, (found.tip.translation - truth.tip.translation).norm() / length);
-    EXPECT_LT((found.tip.rotation - truth.tip.rotation).norm(), 1e-6);
-    EXPECT_EQ(found.shape.piecesPerSection(), kLoadedPieces);
-    EXPECT_LT(apart(model::tipPose(found.shape), found.tip), 2e-12);
-    for (const double s : {0.125, 0.5, 0.875}) {
-      EXPECT_LT((poseAt(found.shape, s).translation - poseAt(truth.shape, s).translation).norm(),
-                1e-4 * length);
-    }
-  }
-  std::printf("worst of order %d: %.1e of the length\n", kMostOrder, worst);
-  EXPECT_LT(worst, 1e-9);
-}
 
 TEST(Loaded, AgreesWithShootingOnArmsOfEveryKind) {
   struct Case {

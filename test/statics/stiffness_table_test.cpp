@@ -83,15 +83,6 @@ TEST(BendingTable, TwistsHaveTheLeastEnergyAndHalveWhenTheOtherChambersDouble) {
   }
   EXPECT_NEAR(2 * model::curvatureOf(straight.twists(other)),
               model::curvatureOf(straight.twists(one)), 1e-12);
-  model::PlanarSection flat;
-  for (const double y : {kRadius, -kRadius}) {
-    flat.actuators.push_back({"", {{}, {0, y}}, {10, 0, kKappa}, kChamber, {0, 1.2e5}});
-    flat.actuators.back().X_O.rotation.setIdentity();
-  }
-  flat.bending = kDoubling;
-  const model::PlanarArm plane({flat});
-  const Eigen::Vector2d q(20e3, 40e3);
-  EXPECT_LT((model::embed(plane.twists(q)) - model::embed(plane).twists(q)).norm(), 1e-12);
 }
 
 TEST(BendingTable, ThePressureOfTheOthersIs0OfOneChamberAloneAndThatOfAllAlike) {

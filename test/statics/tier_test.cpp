@@ -64,21 +64,23 @@ TEST(TierChoice, APlanarArmThatMayBuckleOutOfItsPlaneIsSolvedInSpace) {
 }
 
 TEST(TierChoice, NamesTheKeyAndTheRemedyOfWhatItRefuses) {
-  const model::Arm arm = test::softHelicalArm();
+  const model::Arm helical = test::softHelicalArm();
+  const model::PlanarArm plane = test::planarArm();
   const Load load = weightIn(Eigen::Vector3d::UnitZ());
-  const auto expect = [&](const Load& of, const TierRequest& wanted, const char* key,
-                          const char* remedy) {
-    const std::string message = test::refusal([&] { chooseTier(arm, {}, of, wanted); });
+  const auto expect = [](const std::string& message, const char* key, const char* remedy) {
     EXPECT_EQ(message.find(key), 0u) << message;
     EXPECT_TRUE(test::has(message, remedy));
   };
   TierRequest accurate;
   accurate.relative_tip_error = 1e-12;
-  expect(load, accurate, "accuracy.tip_error_percent", "allow that or more");
-  expect(load, request(Tier::kPlanar), "tier: planar", "use tier: l");
+  expect(test::refusal([&] { chooseTier(helical, {}, load, accurate); }),
+         "accuracy.tip_error_percent", "allow that or more");
+  expect(
+      test::refusal([&] { chooseTier(model::embed(plane), plane, load, request(Tier::kPlanar)); }),
+      "tier: planar", "use tier: loaded");
   Load crushing = load;
   crushing.mass = {1e6};
-  expect(crushing, {}, "load", "lower the masses");
+  expect(test::refusal([&] { chooseTier(helical, {}, crushing, {}); }), "load", "lower the masses");
 }
 
 // What chooseTier() promises of an accuracy and of a time, at inputs that it has not sampled.

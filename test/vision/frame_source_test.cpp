@@ -27,14 +27,12 @@ TEST(PictureFiles, ADamagedPictureIsReportedByNameAndTheNextOneIsRead) {
   };
   write(folder, "a.jpg", cut(vision::JpegEncoder(95).encode(picture)));
   write(folder, "b.png", cut(encoded(".png", picture)));
-  write(folder, "c.bmp", cut(encoded(".bmp", picture)));
-  write(folder, "d.pgm", cut(encoded(".pgm", picture)));
   write(folder, "e.jpg", {});
   write(folder, "f.png", Bytes(500, 77));
   write(folder, "g.jpg", vision::JpegEncoder(95).encode(picture));
   const auto source = FrameSource::files(folder.path());
   Frame frame;
-  for (const char* name : {"a.jpg", "b.png", "c.bmp", "d.pgm", "e.jpg", "f.png"}) {
+  for (const char* name : {"a.jpg", "b.png", "e.jpg", "f.png"}) {
     EXPECT_EQ(source->next(frame), FrameStatus::kFault) << name;
     EXPECT_EQ(frame.name, folder / name);
     EXPECT_EQ(frame.fault.find(folder / name + ": "), 0u) << frame.fault;
@@ -42,7 +40,7 @@ TEST(PictureFiles, ADamagedPictureIsReportedByNameAndTheNextOneIsRead) {
   }
   EXPECT_EQ(source->next(frame), FrameStatus::kFrame) << frame.fault;
   EXPECT_EQ(frame.fault, "");
-  EXPECT_EQ(frame.number, 6u);
+  EXPECT_EQ(frame.number, 4u);
   EXPECT_EQ(source->next(frame), FrameStatus::kEnd);
 }
 
