@@ -6,8 +6,6 @@
 
 #include "command.hpp"
 #include "helix_arm/io/scene.hpp"
-#include "helix_arm/regulator/config.hpp"
-#include "io/scene/regulator_profile.hpp"
 #include "support/temporary_folder.hpp"
 #include "support/test_size.hpp"
 
@@ -59,16 +57,6 @@ TEST_F(New, ArmsOfManyKindsHaveNoFaults) {
     SCOPED_TRACE(kind[0] + " " + kind[1]);
     write(kind);
     expectSound();
-  }
-}
-
-TEST_F(New, EveryShippedProfileAndTheFileOfOneMayBeTheRegulator) {
-  const std::vector<std::string> profiles = io::shippedProfiles();
-  ASSERT_GE(profiles.size(), 5u);
-  for (const std::string& profile : profiles) {
-    SCOPED_TRACE(profile);
-    EXPECT_EQ(write({"--regulator", profile, "--format", "json"}).json()["regulator"], profile);
-    EXPECT_TRUE(has(regulator::describe(*io::loadScene(out_).regulator), " " + profile + " at "));
   }
 }
 

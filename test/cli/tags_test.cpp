@@ -61,11 +61,6 @@ class Printed {
   }
 
   std::string path() const { return folder_ / "tags.pdf"; }
-  std::string text() const {
-    runTool("pdftotext -layout '" + path() + "' '" + (folder_ / "text.txt") + "'");
-    return contentOf(folder_ / "text.txt");
-  }
-
   json report;
   std::vector<cv::Mat> pages;
 

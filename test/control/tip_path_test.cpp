@@ -206,26 +206,6 @@ TEST(TipPath, AFaultyPointIsRefusedByItsNumber) {
   }
 }
 
-TEST(TipPath, EveryLimitIsKeptFromBothSides) {
-  const auto timed = [](double first, double second) {
-    return refusalOf({{first, {0, 0, 0}}, {second, {1, 0, 0}}});
-  };
-  EXPECT_EQ(timed(0, kShortestStep), "accepted");
-  EXPECT_NE(timed(0, 0.99 * kShortestStep), "accepted");
-  EXPECT_EQ(timed(0, kLongestPath), "accepted");
-  EXPECT_NE(timed(0, std::nextafter(kLongestPath, kInfinity)), "accepted");
-  const auto placed = [](double x) { return refusalOf({{0, {0, x, 0}}, {1, {0, 0, x}}}); };
-  EXPECT_EQ(placed(1e6), "accepted");
-  EXPECT_EQ(placed(-1e6), "accepted");
-  EXPECT_NE(placed(std::nextafter(1e6, kInfinity)), "accepted");
-  const auto turnedBy = [](double angle) {
-    return refusalOf(
-        {{0, {0, 0, 0}, Matrix3d::Identity()}, {1, {0, 0, 0}, turned({1, 1, 0}, angle)}});
-  };
-  EXPECT_EQ(turnedBy(kLargestTurn - 1e-9), "accepted");
-  EXPECT_NE(turnedBy(kLargestTurn + 1e-9), "accepted");
-}
-
 using Eigen::Vector2d;
 
 constexpr double kRadius = 0.02, kPeriod = 8.0;

@@ -1,7 +1,6 @@
 // Loads every scene that is shipped and checks it against the published parameters of its arm.
 
 #include <Eigen/Geometry>
-#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <set>
@@ -10,10 +9,7 @@
 
 #include "basics/pi.hpp"
 #include "helix_arm/io/scene.hpp"
-#include "helix_arm/localization/arm_view.hpp"
 #include "scene_faults.hpp"
-#include "simulation/rig.hpp"
-#include "support/random.hpp"
 
 namespace helix_arm::io {
 namespace {
@@ -150,41 +146,11 @@ TEST(ShippedScenes, TheHelicalArmsTagsAreWhereTheRigHadThem) {
   EXPECT_LT(q.angularDistance(measured), 1e-5);
 }
 
-class ShippedCamera : public testing::TestWithParam<std::pair<const char*, int>> {};
-INSTANTIATE_TEST_SUITE_P(Scenes, ShippedCamera,
-                         testing::Values(std::pair("demo", 2000), std::pair("loaded", 300)),
-                         [](const auto& scene) { return std::string(scene.param.first); });
-
-TEST_P(ShippedCamera, SeesSixTagsInEveryPose) {
-  const Scene scene = test::shippedScene(GetParam().first);
-  ASSERT_TRUE(scene.tags && scene.camera);
-  const simulation::TrueArm truth(scene.model, scene.simulation.arm);
-  test::Random random(11);
-  for (int i = 0; i < GetParam().second; ++i) {
-    Eigen::Vector3d pressure;
-    for (int j = 0; j < 3; ++j) pressure[j] = i == 0 ? 0.0 : random.uniform(0, kMaxPressure);
-    const auto seen = estimation::visibleTags(scene.view(), truth.shape(pressure), 0.35);
-    EXPECT_GE(seen.size(), 6u) << pressure.transpose();
-    EXPECT_TRUE(std::any_of(seen.begin(), seen.end(),
-                            [&](const estimation::TagImage& observation) {
-                              return scene.tags->tags[observation.tag].s >= 0.8;
-                            }))
-        << "none near the tip at " << pressure.transpose();
-  }
-}
-
 TEST(ShippedScenes, TheAnnotatedSceneShowsTheDefaultsOfVision) {
   const vision::LocalizerConfig shown = test::shippedScene("annotated").vision, defaults;
   EXPECT_EQ(test::membersOf(shown), test::membersOf(defaults));
   EXPECT_EQ(shown.fit.rotation_noise, defaults.fit.rotation_noise);
   EXPECT_NEAR(shown.fit.base_prior.rotation, defaults.fit.base_prior.rotation, 1e-4);
-}
-
-TEST(ShippedScenes, TheAnnotatedSceneShowsTheDefaultsOfTheLoop) {
-  const auto shown = test::shippedScene("annotated").follow;
-  const auto defaults = test::shippedScene("annotated", {{"follow", "{}"}}).follow;
-  EXPECT_EQ(test::membersOf(shown), test::membersOf(defaults));
-  EXPECT_NEAR(shown.filter.bias_rotation, defaults.filter.bias_rotation, 1e-4);
 }
 
 }  // namespace

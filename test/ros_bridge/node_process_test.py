@@ -65,14 +65,6 @@ class NodeProcess(Case):
         scene = self.file("bad.yaml", "name: bad\narm: {geometry: spatial, stiffness: {K_gamma: -3}, sections: []}\ncolour: green\n")
         self.assert_refused(["_scene:=" + scene], ["K_gamma", "-3", "colour", scene + ":"])
 
-    def test_every_unusable_parameter_is_named(self):
-        for name, arguments, words in (
-                ("pressure_command", "_rate:=0 _draw_rate:=often _frames:=1.5", ["~scene is missing", "~rate", "~draw_rate", "~frames"]),
-                ("vision", "_scene:=demo _source:=camera _stale_after_s:=0", ["~source is camera", "~stale_after_s is 0"]),
-                ("pressure_command", "_scene:=demo_serial _rate:=7", ["raise the rate of the loop"])):
-            with self.subTest(arguments):
-                self.assert_refused(arguments.split(), words, name)
-
     def every_node(self):
         """Of two arms: one of spatial_50 that a series moves, and a simulated rig. They work."""
         rig = ["__ns:=rig", "_scene:=demo"]

@@ -7,7 +7,6 @@ import sys
 
 import rospy
 import rostest
-from std_srvs.srv import Trigger, TriggerResponse
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", "support"))
 from helix_arm.msg import PressureArray, SafetyState, TargetStatus  # noqa: E402
@@ -84,48 +83,6 @@ class SeriesEnd(RosCase):
         monitor.signal(signal.SIGINT)
         self.assertEqual(monitor.code(), 0, monitor.output())
         self.assertIn("the arm runs", monitor.output())
-
-
-class Told(RosCase):
-    """The series and a pressure_command whose answers the test determines."""
-    STANDS = [1e4, 2e4, 3e4, 0, 0, 0, 0]  # [Pa]
-
-    def setUp(self):
-        self.command = rospy.Publisher("/told/pressure_command", PressureArray, queue_size=100, latch=True)
-        self.status = rospy.Publisher("/told/target_status", TargetStatus, queue_size=100)
-        self.targets = self.inbox("/told/pressure_target", PressureArray)
-        self.command.publish(PressureArray(pressure=self.STANDS))
-        self.series = self.run_node("pressure_series", "__ns:=told", "__name:=series", "_scene:=" + BRISK, "_loop:=true",
-                                    "_ramp_s:=0.2", "_hold_s:=0")
-        self.assert_wait(lambda: self.status.get_num_connections() > 0)
-        self.assertTrue(self.targets.next(lambda target: list(target.pressure) != self.STANDS), self.series.output())
-
-    def why(self):
-        return self.series.output()
-
-    def test_who_is_asked_for_rest_gets_no_target_afterwards(self):
-        before, answered, asked = [], 0, False
-
-        def on_rest(request):
-            before.append(len(self.targets))
-            return TriggerResponse(True, "comes to rest")
-
-        def is_over():
-            nonlocal answered, asked
-            for target in self.targets[answered:]:
-                self.status.publish(TargetStatus(target_stamp=target.header.stamp, commander="/told/series",
-                                                 outcome=TargetStatus.REACHED))
-                answered += 1
-            if answered > 10 and not asked:
-                self.series.signal(signal.SIGINT)
-                asked = True
-            return self.series.code(0.01) is not None
-
-        self.addCleanup(rospy.Service("/told/pressure_command/rest", Trigger, on_rest).shutdown)
-        self.assert_wait(is_over)
-        self.assertEqual(self.series.code(0), 0, self.series.output())
-        self.assertEqual(before, [len(self.targets)])
-        self.assertIn("comes to rest", self.series.output())
 
 
 if __name__ == "__main__":
