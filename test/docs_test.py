@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Checks README.md, CONTRIBUTING.md, SECURITY.md and docs/*.md against the package: links and anchors, paths, launch arguments, commands
-and their options, tests and the length of the README.
+"""Checks README.md, CONTRIBUTING.md, SECURITY.md and docs/*.md against the package: links and anchors, paths, commands and
+their options, tests and the length of the README.
 
 usage: docs_test.py --root PACKAGE --command HELIX_ARM
   --command  the built helix_arm, which is asked for its subcommands and options
@@ -124,8 +124,6 @@ class Package:
     def __init__(self, root, command):
         self.root, self.command = root, command
         self.tests, self.programs = test_names(root)
-        self.launch = {path.name: set(re.findall(r'<arg name="(\w+)"', path.read_text(encoding="utf-8")))
-                       for path in (root / "launch").glob("*.launch")}
         self.cases = set()
         for path in (root / "test").rglob("*.cpp"):
             self.cases |= set(re.findall(r"^(?:TYPED_)?TEST(?:_[FP])?\((\w+),\s*(\w+)\)", path.read_text(encoding="utf-8"), re.M))
@@ -153,7 +151,6 @@ class Checker:
             for line in document.lines:
                 self.check_links(document, line)
                 self.check_paths(document, line)
-                self.check_launch(document, line)
                 self.check_commands(document, line)
                 self.check_tests(document, line)
         return sorted(self.faults, key=lambda fault: (fault.split(":")[0], int(fault.split(":")[1])))
@@ -185,24 +182,6 @@ class Checker:
             bare = re.fullmatch(r"(\w+\.test)", code)
             if bare and not any((self.root / "test").rglob(bare.group(1))):
                 self.fault(document, line.number, "names %s, which is not there" % code)
-
-    def check_launch(self, document, line):
-        declared = set().union(*self.package.launch.values())
-        for code in line.code():
-            code = re.sub(r"(^|\s)#.*", "", code)
-            file = re.search(r"(?<![\w/])(\w+\.launch)\b(.*)", code)
-            if file and file.group(1) not in self.package.launch:
-                self.fault(document, line.number, "names %s; expected one of %s" %
-                           (file.group(1), ", ".join(sorted(self.package.launch))))
-                continue
-            known = self.package.launch[file.group(1)] if file else declared
-            given = re.findall(r"(?<!\S)\(?(\w+):=", file.group(2) if file else code)
-            if re.search(r"\b_\w+:=|\brosrun\b", code):
-                continue
-            for name in given:
-                if name not in known:
-                    self.fault(document, line.number, "argument %s:= is not declared by %s" %
-                               (name, file.group(1) if file else "any launch file"))
 
     def check_commands(self, document, line):
         command = self.package.command

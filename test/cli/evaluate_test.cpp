@@ -3,11 +3,30 @@
 #include <gtest/gtest.h>
 
 #include "command.hpp"
-#include "rod_scene.hpp"
 #include "support/temporary_file.hpp"
 
 namespace helix_arm::test {
 namespace {
+
+// A planar arm of two muscles that is a straight rod of 0.4 m at 0 kPa.
+const std::string kFlatScene = R"(name: flat
+contractions:
+  linear: {table: {pressure_kpa: [0, 100], length_m: [0.4, 0.3]}}
+arm:
+  geometry: planar
+  stiffness: {K_gamma: 10, K_tau_m2: 0, K_kappa_m2: 1.0e-4}
+  sections: [{name: arm, ring: {count: 2, radius_m: 0.03, contraction: linear}}]
+)";
+
+// The same of three muscles and 0.3 m.
+const std::string kRodScene = R"(name: rod
+contractions:
+  linear: {table: {pressure_kpa: [0, 100], length_m: [0.3, 0.2]}}
+arm:
+  geometry: spatial
+  stiffness: {K_gamma: 10, K_tau_m2: 0, K_kappa_m2: 1.0e-4}
+  sections: [{name: arm, ring: {count: 3, radius_m: 0.03, contraction: linear}}]
+)";
 
 // The model's curvature is known: r (l2 - l1) / (2 (r^2 + K_kappa)) of the scene's linear curve.
 TEST(Evaluate, ComparesEveryRowWithTheModel) {

@@ -6,34 +6,6 @@
 namespace helix_arm::test {
 namespace {
 
-class BoardLine : public testing::TestWithParam<BoardKind> {};
-
-TEST_P(BoardLine, EveryChannelIsReadVentedClosedAndRegulated) {
-  ReadyBoard board(GetParam());
-  for (int i = 0; i < board.channels(); ++i) {
-    const std::string name = "p" + std::to_string(i);
-    for (const char* order : {"?", "=vent", "=0.00", "=close", "=12.34", "=0", "=5."}) {
-      const std::string answer = board.ask(name + order);
-      EXPECT_TRUE(std::regex_match(answer, std::regex(name + "=-?[0-9]+\\.[0-9]{2} kPa")))
-          << name << order << " brings " << answer;
-    }
-  }
-  EXPECT_EQ(board.ask("p" + std::to_string(board.channels()) + "?"), "?");
-}
-
-TEST_P(BoardLine, ReadingsAreThePressures) {
-  ReadyBoard board(GetParam());
-  for (const int goal : {60, 250}) {
-    board.keep(std::to_string(goal), 1.5);
-    for (int i = 0; i < board.channels(); ++i) {
-      const double reading = std::stod(board.ask("p" + std::to_string(i) + "?").substr(3));
-      EXPECT_NEAR(reading, board.pressure(i) / 1e3, 1.0) << i;
-    }
-  }
-}
-
-INSTANTIATE_TEST_SUITE_P(, BoardLine, testing::ValuesIn(drawnBoards()), nameOfKind);
-
 using regulator::withChecksum;
 
 const std::string kRefused = withChecksum("?");

@@ -35,11 +35,6 @@ class WholeCalibration(CalibrationRig):
         self.assert_rest(first)
         last = self.progress[-1]
         self.assertEqual((last.step, last.steps, last.samples), (steps, steps, steps))
-        # The client misses what comes before its send_goal() returns, at most the first step.
-        told = [one.step for one in self.progress]
-        self.assertLessEqual(told[0], 2)
-        self.assertEqual(told, sorted(told))
-        self.assertEqual(set(told), set(range(told[0], steps + 1)))
         self.assertEqual(last.state, "fitting")
         return result, read(out)
 
