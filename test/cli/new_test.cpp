@@ -86,22 +86,6 @@ TEST_F(New, AnExtendingArmLengthensAndBendsAwayFromTheMuscleWithPressure) {
   }
 }
 
-using nlohmann::json;
-
-json findingOf(const json& result, const std::string& check) {
-  for (const json& finding : result["findings"]) {
-    if (finding["check"] == check) return finding;
-  }
-  return nullptr;
-}
-
-// The finding of a check that has to find something.
-json foundBy(const json& result, const std::string& check) {
-  const json finding = findingOf(result, check);
-  if (finding.is_null()) throw std::runtime_error("no " + check + " in " + result.dump());
-  return finding;
-}
-
 // Two pressures that bend an arm 70 degrees apart: two of four around it, whose others are not in
 // the recording.
 TEST(NewOfARecording, TakesActuatorsAndTheirHighestPressure) {
@@ -125,16 +109,6 @@ TEST(NewOfARecording, TakesActuatorsAndTheirHighestPressure) {
   const Outcome refused =
       runCommand({"new", "--defaults", "--force", "--recording", scenePath("demo"), "--out", out});
   EXPECT_EQ(refused.exit_code, 2);
-}
-
-TEST(Check, ARegulatorThatDoesNotAnswerIsAFaultOnlyWhenAsked) {
-  const std::string scene = scenePath("demo_serial"),
-                    device = "regulator.ascii_serial.device=/tmp/no_such_regulator";
-  EXPECT_EQ(runCommand({"check", scene, "--set", device}).exit_code, 0);
-  const json result = resultOf({"check", scene, "--set", device, "--probe"}, 1);
-  const json finding = foundBy(result, "no_answer");
-  EXPECT_TRUE(has(finding["value"], "/tmp/no_such_regulator"));
-  EXPECT_TRUE(result["probed"]);
 }
 
 }  // namespace

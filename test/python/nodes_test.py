@@ -103,15 +103,6 @@ class RecordTest(unittest.TestCase):
         self.assertEqual(row.command[0], 1000, "in force, not interpolated")
         self.assertAlmostEqual(row.pressure[0], 10500)
 
-    def test_what_does_not_come_is_left_out(self):
-        record = TipRecord()
-        record.command.add(1.0, np.array([5, 6]))
-        for k in range(3):
-            record.add(row_at(1.0 + 0.1 * k, 0.1 * k))
-        self.assertFalse(record.is_complete())
-        found = [(row.model, row.pressure, row.command.tolist()) for row in record.finish()]
-        self.assertEqual(found, 3 * [(None, None, [5, 6])])
-
     def test_errors_are_those_on_the_path(self):
         rows = [row_at(1, -0.1, 1), row_at(2, 0), row_at(3, 1, 0.004), row_at(4, 1.1, 1)]
         self.assertAlmostEqual(run_record.rms_of(rows, "measured", 1.0), np.sqrt((9e-6 + 16e-6) / 2), 15)
