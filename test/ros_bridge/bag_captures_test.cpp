@@ -1,4 +1,4 @@
-// What is taken from a recording.
+// Captures that are taken from a recording.
 #include "bag/bag_captures.hpp"
 
 #include <fstream>
