@@ -140,21 +140,6 @@ Eigen::Vector3d tipBySteps(const TaperOf<lie::SE3>& taper, const Eigen::VectorXd
   });
 }
 
-TEST(Taper, ItsPolynomialsAreTheEquilibriumOfEveryCrossSection) {
-  const Section section =
-      test::taperedSection(test::helicalRing(), {0.05, 0.03, 0.025}, {0.0, kTilt, 0.5 * kTilt});
-  const TaperOf<lie::SE3> taper(section.actuators);
-  ASSERT_EQ(taper.cells(), 2);
-  for (int i = 0; i <= 50; ++i) {
-    const double s = i / 50.0;
-    const Equilibrium<lie::SE3> expected = equilibriumAt(section, s);
-    EXPECT_LT((taper.mapAt(s) - expected.map).norm(), 1e-7 * expected.map.norm()) << s;
-    EXPECT_LT((taper.complianceAt(s) - expected.compliance).norm(),
-              1e-7 * expected.compliance.norm())
-        << s;
-  }
-}
-
 // Where the arm is, by very many steps of order 2 of the equilibria: (3 x steps + 1) positions
 // along each section.
 std::vector<Eigen::Matrix3Xd> curveByMidpoints(const std::vector<Section>& sections, const Arm& arm,

@@ -135,14 +135,6 @@ TEST(Equilibrium, MatchesThePseudoInverseIn80Digits) {
               worst_name.c_str());
 }
 
-TEST(Equilibrium, EqualLengthsOfAStraightArmDoNotBendIt) {
-  // Erratum 1: the last row of eq. 18 has opposite signs.
-  const Eigen::VectorXd g =
-      solveEquilibrium(flatPair(0.0381, stiffness(10, 0, 1.38e-4))).map * Eigen::Vector2d(0.4, 0.4);
-  EXPECT_NEAR(g[0], 0.4, 1e-15);
-  EXPECT_LT(g.tail<5>().norm(), 1e-15);
-}
-
 TEST(Equilibrium, ReproducesTheHelicalArmOfErratum3) {
   // z-curvature at 60 psi in muscle 1 for three shear stiffnesses.
   const Contraction muscle = test::fig3Muscle();

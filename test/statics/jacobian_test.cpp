@@ -139,12 +139,12 @@ double& entry(model::Stiffness& stiffness, int component) {
 
 // Forces and moments at the tip. The linear tier has the response of the exact one to them.
 void expectLoadColumns(const Case& c, const ShapeDerivative& by_load, double tolerance,
-                       double angle, int stride) {
+                       double angle) {
   const Eigen::VectorXd lengths = c.arm.lengths(c.q);
   const double size = c.arm.restLength();
   Case under = c;
   if (c.setting.tier == Tier::kLinear) under.setting = kExactTier;
-  for (int j = 0; j < 6; j += stride) {
+  for (int j = 0; j < 6; ++j) {
     const auto changed = [&](double change) {
       Load with = c.load;
       PointLoad tip{c.arm.sectionCount() - 1};
@@ -162,13 +162,10 @@ void expectLoadColumns(const Case& c, const ShapeDerivative& by_load, double tol
   }
 }
 
-// @param stride  of the columns that are compared.
-// @param shorter  factor on the steps of the differences.
-void expectDerivatives(const Case& c, double tolerance = kAgreement, double shorter = 1.0,
-                       int stride = 1) {
+void expectDerivatives(const Case& c, double tolerance = kAgreement) {
   // The lowest order extrapolates its steps, which is far from linear in the load.
   const double loaded = c.setting.order == kLeastOrder ? kLeastAngle : kAngle;
-  const double angle = shorter * (c.setting.tier == Tier::kExact ? kExactAngle : loaded);
+  const double angle = c.setting.tier == Tier::kExact ? kExactAngle : loaded;
   const ArmModel model(c.arm, std::nullopt, c.load, c.setting);
   const ShapeJacobian found = jacobianAt(model, c.q);
   ASSERT_EQ(found.status, SolveStatus::kConverged) << c.name;
@@ -177,7 +174,7 @@ void expectDerivatives(const Case& c, double tolerance = kAgreement, double shor
   const int n = c.arm.actuatorCount();
   std::vector<int> all;
   for (int i = 0; i < n; ++i) all.push_back(i);
-  for (int i = 0; i < n; i += stride) {
+  for (int i = 0; i < n; ++i) {
     const auto changed = [&](double change) {
       Eigen::VectorXd there = lengths;
       there[i] += change;
@@ -194,7 +191,7 @@ void expectDerivatives(const Case& c, double tolerance = kAgreement, double shor
   for (int component = 0; component < 3; ++component) {
     std::vector<int> alike;
     for (int i = 0; i < n; ++i) alike.push_back(3 * i + component);
-    for (int i = component % stride; i < n; i += stride) {
+    for (int i = 0; i < n; ++i) {
       model::Stiffness own = c.arm.actuator(i).stiffness;
       const double value = entry(own, component);
       const auto changed = [&](double change) {
@@ -212,7 +209,7 @@ void expectDerivatives(const Case& c, double tolerance = kAgreement, double shor
   }
   if (c.setting.tier == Tier::kLinear && !c.arm.isLinear()) return;
   ASSERT_TRUE(found.by_load);
-  expectLoadColumns(c, *found.by_load, tolerance, angle, stride);
+  expectLoadColumns(c, *found.by_load, tolerance, angle);
 }
 
 // Rings whose muscles all differ.
@@ -317,27 +314,6 @@ TEST(LoadedJacobian, TheResponseOfTheTipIsThatOfTheWholeJacobian) {
       }
       EXPECT_LT((turned - whole.by_lengths.tip).norm(), tolerance * turned.norm())
           << setting.name();
-    }
-  }
-}
-
-// A slender column under a share of Euler's load: small changes swing it far, and the errors of the
-// solution and of the differences grow with that.
-TEST(LoadedJacobian, HoldsNearABucklingLoad) {
-  const test::Ring ring{3, 1e-3, 0.0, {1e4, 1e-5, 1e-5}};
-  const model::Arm arm = test::ringArm(ring);
-  constexpr double kEps = 1000.0;
-  const double bending =
-      kEps * ring.count * (ring.stiffness.kappa + 0.5 * ring.radius * ring.radius);
-  const double critical = test::kPi * test::kPi / 4 * bending / std::pow(arm.freeLength(0), 2);
-  const Eigen::VectorXd q = arm.inputAt(0.0);
-  for (const double share : {0.5, 0.9, 0.97}) {
-    Load load = weightless(1, kEps);
-    load.points = {{0, 1.0, 0.0, share * critical * Eigen::Vector3d(-1, 0.01, -0.02)}};
-    for (const TierSetting& setting : {loadedTier(8), kExactTier}) {
-      // Steps shrink with the distance to the branching point, where the response is not linear.
-      expectDerivatives({"share " + std::to_string(share), arm, load, setting, q},
-                        kAgreement / std::pow(1 - share, 1.5), 1 - share);
     }
   }
 }

@@ -2,7 +2,6 @@
 import os
 import sys
 import tempfile
-import time
 
 import actionlib
 import numpy as np
@@ -62,12 +61,6 @@ class CalibrationRig(CommanderCase):
         saved = self.call("save", Save, path=self.path(name))
         self.assertTrue(saved.success, saved.message)
         return saved.message
-
-    def record_when_settled(self, service):
-        """Asks to record until it is done, or refused for another reason than motion."""
-        answers = []
-        self.assert_wait(lambda: answers.append(self.call("record_sample", service)) or answers[-1].success or time.sleep(0.05))
-        return answers[-1]
 
     def send(self, **fields):
         self.progress = []

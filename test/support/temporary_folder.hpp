@@ -2,7 +2,6 @@
 
 #include <cstdlib>
 #include <filesystem>
-#include <iterator>
 #include <set>
 #include <stdexcept>
 #include <string>
@@ -10,11 +9,6 @@
 #include <unistd.h>
 
 namespace helix_arm::test {
-
-/// Files that this process has open.
-inline std::ptrdiff_t openFiles() {
-  return std::distance(std::filesystem::directory_iterator("/proc/self/fd"), {});
-}
 
 /// What stands in a folder.
 inline std::set<std::string> namesIn(const std::string& folder) {
