@@ -88,16 +88,6 @@ TYPED_TEST(Accuracy, ExpWithin4EpsUpToAHalfTurn) {
   worst.expectWithin(4.0, "exp to pi");
 }
 
-TYPED_TEST(Accuracy, ExpIsAsGoodOnBothSidesOfTheSwitch) {
-  Worst worst;
-  const int each = some(10);
-  for (int i = 0; i < 101 * each; ++i) {
-    const double angle = std::sqrt(kSeriesLimit) * (1 + (i / each - 50) * kEps);
-    worst.add(this->errorOfExp(this->twist(angle)));
-  }
-  worst.expectWithin(8.0, "exp at its switch");
-}
-
 TYPED_TEST(Accuracy, ExpWithin8EpsUpToTwoTurnsAwayFromFullOnes) {
   Worst worst;
   int away = 0;

@@ -120,20 +120,6 @@ TYPED_TEST(LieGroup, SolvingWithTheRightJacobianIsTimesItsInverse) {
   for (int i = 0; i < 500; ++i) expect(this->twist(3.0 + 0.005 * i));
 }
 
-TYPED_TEST(LieGroup, LeftJacobianMovesATwistToTheFrontOfExp) {
-  // First order only: what is left must fall with the square of the step.
-  this->forRandomTwists([this](const auto& xi) {
-    const auto d = this->twist(1.0);
-    const auto gap = [&](double step) {
-      return this->distance(
-          TypeParam::exp(xi + step * d),
-          TypeParam::exp(TypeParam::leftJacobian(xi) * (step * d)) * TypeParam::exp(xi));
-    };
-    EXPECT_LT(gap(1e-3), 1e-5);
-    EXPECT_LT(gap(1e-5), 1e-9);
-  });
-}
-
 class So3 : public AnyGroup<SO3> {};
 
 TEST_F(So3, LogIsTheSameOfBothQuaternionsOfARotation) {

@@ -114,17 +114,6 @@ TEST(RigCheck, ASupplyThatMayBeTooLowForTheLimitsIsNamed) {
       found(shippedScene("demo_modbus", {{"safety.min_supply_kpa", "300"}}), "min_supply").empty());
 }
 
-// Of a scene made by a program; the rules of scene files refuse such limits themselves.
-TEST(RigCheck, ADeviceThatCannotGiveTheLimitsIsNamed) {
-  io::Scene scene = shippedScene("demo_modbus");
-  auto& device = std::get<regulator::ModbusConfig>(*scene.regulator).profile;
-  device.highest_count = 3000;
-  EXPECT_TRUE(found(scene, "device_range").empty());
-  device.highest_count = 2999;
-  expectOneFault(scene, "device_range", regulator::describe(*scene.regulator),
-                 "it accepts at most 299.9 kPa, and the limit of muscle_1 is 300 kPa");
-}
-
 TEST(RigCheck, ADeviceWithTooFewChannelsIsNamed) {
   io::Scene scene = shippedScene("demo_serial");
   auto& board = std::get<regulator::SerialConfig>(*scene.regulator).profile;
