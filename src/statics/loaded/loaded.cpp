@@ -1,6 +1,7 @@
 #include "helix_arm/statics/loaded.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "buckling.hpp"
@@ -14,6 +15,12 @@ constexpr double kOutOfPlane = 1e-9;  // rounding of a base's rotation
 bool inXY(const Eigen::Vector3d& v) { return std::abs(v.z()) <= kOutOfPlane * v.norm(); }
 
 }  // namespace
+
+const char* nameOf(SolveStatus status) {
+  static constexpr std::array<const char*, 4> kNames = {"converged", "not_converged", "snapped",
+                                                        "unsupported"};
+  return kNames[static_cast<std::size_t>(status)];
+}
 
 bool inPlane(const Load& load) {
   const bool weighs =
