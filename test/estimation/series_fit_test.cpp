@@ -5,6 +5,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <string>
 
 #include <gtest/gtest.h>
@@ -43,6 +44,9 @@ struct Truth {
   double phase = 0;       // of the ring about the axis of the base [rad]
   bool oriented = false;  // the series has orientations
   Eigen::Matrix3d body = Eigen::Matrix3d::Identity();  // of what has them, seen from the tip
+  double growth = 0;                         // as others, for the most pressure in all chambers
+  Eigen::Vector3d own_phase{0, 0, 0};        // of each chamber, beside its even place [rad]
+  std::optional<Eigen::Vector2d> beam = {};  // its slopes in y and z of the tip: x, y are a dot's
 };
 
 Eigen::Vector3d normals(Random& random) {
@@ -66,14 +70,14 @@ lie::SE3 trueTip(const Eigen::Vector3d& effective, const Truth& truth) {
   for (int i = 0; i < 3; ++i) {
     others += effective[i] * (effective.sum() - effective[i]) / 2 / std::max(effective.sum(), 1.0);
   }
-  const double stiffer = 1 + truth.others * others / kMost;
+  const double stiffer = 1 + (truth.growth * effective.mean() + truth.others * others) / kMost;
   // Length of the axis and bends of least energy of three springs and a beam.
   Eigen::Matrix3d stiffness = Eigen::Vector3d(0, 1, 1).asDiagonal() * kBeam;
   Eigen::Vector3d force = Eigen::Vector3d::Zero();
   for (int i = 0; i < 3; ++i) {
     const double rest = trueLength(0),
                  one = rest + truth.stroke[i] * (trueLength(effective[i]) - rest);
-    const double angle = angleOf(i);
+    const double angle = angleOf(i) + truth.own_phase[i];
     const Eigen::Vector3d arm(1, kRadius * std::cos(angle), kRadius * std::sin(angle));
     stiffness += arm * arm.transpose();
     force += arm * one;
@@ -123,6 +127,12 @@ TipSeries seriesOf(const Truth& truth, int seed) {
       const lie::SE3 tip = trueTip(effective, truth);
       out.position.row(row) = truth.turn * turn * tip.translation + truth.place +
                               truth.offset * offset + truth.correlated * error + kNoise * noise;
+      if (truth.beam) {
+        const Eigen::Vector3d along = truth.turn * turn * tip.rotation *
+                                      Eigen::Vector3d(1, (*truth.beam)[0], (*truth.beam)[1]);
+        const Eigen::Vector3d from = truth.turn * turn * tip.translation + truth.place;
+        out.position.row(row) = from - from.z() / along.z() * along + kNoise * noise;
+      }
       if (!truth.oriented) continue;
       out.rotation.push_back(truth.turn * turn * tip.rotation * turn.transpose() * truth.body *
                              about(noise.normalized(), kTurnNoise * noise.norm()));
@@ -132,8 +142,7 @@ TipSeries seriesOf(const Truth& truth, int seed) {
 }
 
 // What a user guesses: another curve, radius and stiffness, and a base whose axes are those of F.
-SeriesPrior guess() {
-  constexpr double radius = 0.025;
+SeriesPrior guess(double radius = 0.025) {
   const auto curve = model::Contraction::table({0, kMost / 2, kMost}, {0.19, 0.2, 0.22});
   model::Section section;
   for (int i = 0; i < 3; ++i) {
@@ -283,6 +292,46 @@ TEST(SeriesFit, FindsABendThatTheOthersStiffen) {
   ASSERT_TRUE(fit.bending);
   EXPECT_EQ(fit.bending->argument, model::BendingTable::Argument::kOthers);
   EXPECT_NEAR(stiffening(fit), 1 + truth.others, 0.1);
+}
+
+TEST(SeriesFit, FindsABendThatStiffensWithTheMeanPressure) {
+  Truth truth;
+  truth.growth = 0.8;
+  const SeriesFit fit = fitSeries(guess(), seriesOf(truth, 8), everything(false));
+  EXPECT_TRUE(keeps(fit, "K_kappa against pressure"));
+  ASSERT_TRUE(fit.bending);
+  EXPECT_NEAR(stiffening(fit), 1 + truth.growth, std::sqrt(400.0 / kRows) * 0.05);
+}
+
+// Where chambers are not evenly spaced, stiffness does not make up for another radius.
+TEST(SeriesFit, FindsWhereChambersSitAroundTheAxis) {
+  Truth truth;
+  truth.own_phase = {0, 0.5, -0.3};
+  SeriesOptions options = everything(false);
+  options.phases = true;
+  const SeriesFit fit = fitSeries(guess(kRadius), seriesOf(truth, 4), options);
+  EXPECT_TRUE(keeps(fit, "phases"));
+  for (int i = 1; i < 3; ++i) {
+    const Parameter& phase = parameterOf(fit, "phase_" + std::to_string(i + 1));
+    EXPECT_NEAR(phase.value, truth.own_phase[i], 4 * phase.standard_error);
+  }
+  EXPECT_FALSE(keeps(fitSeries(guess(), seriesOf(Truth(), 4), options), "phases"));
+}
+
+// The base hangs 1.2 m above the plane; a user guesses that to within a few centimetres.
+TEST(SeriesFit, PredictsTheDotOfABeam) {
+  Truth truth;
+  truth.turn = about(Eigen::Vector3d::UnitY(), kPi / 2);
+  truth.place = {0.02, -0.03, 1.2};
+  truth.beam = {0.05, -0.08};
+  TipSeries series = seriesOf(truth, 13);
+  series.position.conservativeResize(Eigen::NoChange, 2);
+  SeriesPrior prior = guess();
+  prior.X_BF = lie::SE3{truth.turn, {0, 0, 1.25}}.inverse();
+  prior.beam = Eigen::Vector2d::Zero();
+  const SeriesFit fit = fitSeries(prior, series, everything(false));
+  EXPECT_TRUE(fit.beam) << fit.failure;
+  EXPECT_LT(fit.held_out_rms, 2 * std::sqrt(2) * kNoise);
 }
 
 // Although the arm has a second creep, rests elsewhere in each trial and has correlated noise. The

@@ -119,5 +119,30 @@ TEST(Workspace, InputsWithoutBalanceAreLeftOutAndCounted) {
   EXPECT_GT(points.unbalanced, kCount / 20);
 }
 
+// Each is a tip of the model within the limits; none of ten times as many other inputs is beyond.
+TEST(WorkspaceExtremes, NoOtherTipIsFarBeyondThem) {
+  for (const ArmModel& model : models()) {
+    SCOPED_TRACE(model.choice().setting.name());
+    const auto sampled = [&model](std::uint64_t seed, int count) {
+      WorkspaceExtremes out;
+      out.add(Workspace(model, {seed, false}).sample(0, count));
+      return out;
+    };
+    const WorkspaceExtremes few = sampled(1, countFor(model)),
+                            others = sampled(2, 10 * countFor(model)),
+                            found = findExtremes(model, few);
+    for (int which = 0; which < WorkspaceExtremes::kCount; ++which) {
+      const auto& [input, tip] = found.of(which);
+      EXPECT_EQ(model.arm().clamped(input), input);
+      EXPECT_LT((model.tip(input).tip.translation - tip).norm(), 1e-12);
+      const double extent = WorkspaceExtremes::extent(which, tip);
+      EXPECT_GE(extent, WorkspaceExtremes::extent(which, few.of(which).tip));
+      EXPECT_LE(WorkspaceExtremes::extent(which, others.of(which).tip),
+                extent + 1e-3 * found.reach())
+          << which;
+    }
+  }
+}
+
 }  // namespace
 }  // namespace helix_arm::statics

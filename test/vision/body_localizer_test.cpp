@@ -24,8 +24,8 @@ enum Body { kFrame, kMiddle, kTip };
 // The arm of the shipped scene with bodies, moving about 100 times a second; its model is 2 cm off.
 class BodyLocalizer : public ::testing::Test {
  protected:
-  BodyLocalizer()
-      : scene_(test::shippedScene("mocap")),
+  explicit BodyLocalizer(const std::vector<io::Override>& changes = {})
+      : scene_(test::shippedScene("mocap", changes)),
         localizer_(scene_.view(), procedures::localizerConfigOf(scene_)),
         bodies_(scene_.view(), scene_.simulation.bodies) {}
 
@@ -117,6 +117,52 @@ TEST_F(BodyLocalizer, NamesQuaternionsWithTheirScalarFirst) {
       },
       "w, x, y, z");
 }
+
+TEST_F(BodyLocalizer, NamesAFrameWithItsYAxisUp) {
+  const lie::SE3 turn{Eigen::AngleAxisd(-M_PI / 2, Eigen::Vector3d::UnitX()).toRotationMatrix(),
+                      Eigen::Vector3d::Zero()};
+  expectNamed(
+      [&turn](Poses& poses) {
+        for (BodyPose& one : poses) one.X_CM = turn * one.X_CM;
+      },
+      "turned by 90 degrees about (-1.0, 0.0, 0.0)");
+}
+
+TEST_F(BodyLocalizer, SaysThatBaseOrFrameHaveMoved) {
+  follow(50);
+  ASSERT_FALSE(see().moved);
+  std::optional<estimation::BaseMove> moved;
+  for (int k = 0; k < 100 && !moved; ++k) {
+    moved = see([](Poses& poses) {
+              for (BodyPose& one : poses) one.X_CM.translation.y() += 0.012;
+            }).moved;
+  }
+  ASSERT_TRUE(moved);
+  EXPECT_NEAR(moved->xi.head<3>().norm(), 0.012, 0.003);
+}
+
+class WithoutRotations : public BodyLocalizer {
+ protected:
+  WithoutRotations() : BodyLocalizer({{"bodies.2.noise", "{rotation_deg: 0}"}}) {}
+};
+
+TEST_F(WithoutRotations, APositionCountsWithThreeNumbers) {
+  for (int k = 0; k < 20; ++k) {
+    // Whatever is told of its rotation has no effect.
+    const Observation& seen = see([](Poses& poses) {
+      poses[kTip].X_CM.rotation = Eigen::AngleAxisd(2, Eigen::Vector3d::UnitY()).toRotationMatrix();
+    });
+    ASSERT_EQ(seen.state, ObservationState::kMeasured);
+    EXPECT_LT(tipError(seen), 0.002);
+  }
+}
+
+class WithoutFrame : public BodyLocalizer {
+ protected:
+  WithoutFrame() : BodyLocalizer({{"motion_capture", "{}"}}) {}
+};
+
+TEST_F(WithoutFrame, NothingIsMeasured) { EXPECT_EQ(see().state, ObservationState::kNoFit); }
 
 TEST_F(BodyLocalizer, ABodyThatTakesAnothersPlaceIsNamedAndNotUsed) {
   follow(20);
