@@ -288,6 +288,29 @@ TEST_F(LoopStates, PicturesThatDriftAreDoubtedAndFollowedNoFarther) {
   }
 }
 
+// A view that stands still while the arm moves, but not in every pixel, as through a recorder that
+// writes its time into the pictures: something seems to hold the arm, and it is pushed no farther.
+TEST_F(LoopStates, AViewThatStandsStillWhileTheArmMovesIsNotFollowed) {
+  bench_.loop.setOnContact(OnContact::kYield);
+  close();
+  bench_.run(17);
+  bench_.options.frozen = bench_.trueTwists();
+  bench_.run(3);
+  ASSERT_EQ(state(), LoopState::kClosed) << "an arm at rest looks the same";
+  bench_.loop.aimAt(there_);
+  for (const double end = bench_.time() + 3; state() == LoopState::kClosed;) {
+    bench_.step();
+    ASSERT_LT(bench_.time(), end);
+  }
+  bench_.run(1);
+  const Eigen::VectorXd held = bench_.loop.turn().pressure;
+  for (int k = 0; k < 500; ++k) {
+    bench_.step();
+    ASSERT_NE(state(), LoopState::kClosed) << k;
+    ASSERT_LE((bench_.loop.turn().pressure - held).norm(), 100.0) << k;
+  }
+}
+
 // What is allowed grows with time as the arm creeps, but not while it is exceeded.
 TEST_F(LoopStates, ADoubtDoesNotEndByWaiting) {
   reach(LoopState::kDoubtful);

@@ -182,5 +182,27 @@ TEST(PressurePlanner, BringsATipToItsPlace) {
   EXPECT_GT(ways, 1);
 }
 
+TEST(PressurePlanner, EndsWithItsTimeAndSaysWhatIsInTheWay) {
+  const statics::ArmModel model = twoMuscles();
+  const VectorXd from = model.arm().inputAt(Eigen::Vector2d(0.9, 0.1)),
+                 to = model.arm().inputAt(Eigen::Vector2d(0.1, 0.9));
+  KeepOut keep_out;
+  keep_out.radii = {0.01};
+  clearance::Zone post{"post", clearance::Sphere{0.02}, {}};
+  post.X_WZ.translation = model.solve(to).tip.translation;
+  keep_out.zones = {post};
+  const auto channels = channelsOf(model.arm(), 3e5);
+  const Plan at_goal = PressurePlanner(model, keep_out, channels, {}).toPressures(from, to);
+  EXPECT_EQ(at_goal.reason.rfind("at the goal ", 0), 0u) << at_goal.reason;
+  // A wall across all that the arm can pass.
+  keep_out.zones[0].form = clearance::Box{{1, 1e-3, 1}};
+  keep_out.zones[0].X_WZ.translation = {0.8, 0, 0};
+  PlanOptions options;
+  options.longest = 0.3;
+  const Plan walled = PressurePlanner(model, keep_out, channels, {}).toPressures(from, to, options);
+  EXPECT_NE(walled.reason.find("no clear path"), std::string::npos) << walled.reason;
+  EXPECT_LT(walled.seconds, 5.0);
+}
+
 }  // namespace
 }  // namespace helix_arm::planning

@@ -29,6 +29,7 @@ class LoopBench {
     lie::Vector6 push = lie::Vector6::Zero();  // what a force adds to the first section's twist
     lie::Vector6 lie = lie::Vector6::Zero();   // what pictures add to the first section's twist
     double stamp_shift = 0.0;                  // what is wrong with the stamps of pictures [s]
+    std::optional<model::Twists> frozen = {};  // pictures show this shape, whatever the arm's
     unsigned seed = 1;
   };
 
@@ -107,7 +108,7 @@ class LoopBench {
     if (turn.commands) set_point_ = turn.pressure;
   }
   model::Twists measured() {
-    model::Twists out = trueTwists();
+    model::Twists out = options.frozen.value_or(trueTwists());
     out.col(0) += options.lie;
     for (int i = 0; i < out.size(); ++i) {
       out.reshaped()[i] +=
