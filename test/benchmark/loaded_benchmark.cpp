@@ -179,7 +179,6 @@ model::Arm sceneArm() { return test::ringArm(test::helicalRing()); }
   BENCHMARK_CAPTURE(exact, name, arm, posture)->Unit(::benchmark::kMicrosecond); \
   BENCHMARK_CAPTURE(loadedOfPeer, name, arm, posture)                            \
       ->Arg(20)                                                                  \
-      ->Arg(50)                                                                  \
       ->Arg(100)                                                                 \
       ->Unit(::benchmark::kMicrosecond)
 

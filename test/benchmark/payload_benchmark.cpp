@@ -1,7 +1,6 @@
-// Whether a shape can be held, and what a place carries, beside what a laboratory writes with a
-// general optimiser: bounded least squares of Ceres over the lengths, with derivatives by
-// differences. Both answer the same questions by the same model; missed_percent is by how much the
-// peer found more.
+// What a place carries, beside what a laboratory writes with a general optimiser: bounded least
+// squares of Ceres over the lengths, with derivatives by differences. Both answer the same question
+// by the same model; missed_percent is by how much the peer found more.
 #include <algorithm>
 #include <cmath>
 #include <vector>
@@ -9,7 +8,6 @@
 #include <benchmark/benchmark.h>
 #include <ceres/ceres.h>
 
-#include "helix_arm/statics/attain.hpp"
 #include "helix_arm/statics/payload.hpp"
 #include "support/loaded_arm.hpp"
 
@@ -17,10 +15,9 @@ namespace helix_arm::benchmark {
 namespace {
 
 using Eigen::Vector3d;
-using lie::Vector6;
 using namespace statics;
 
-constexpr int kMuscles = 3, kCases = 20, kPlaces = 8;
+constexpr int kMuscles = 3, kCases = 20;
 
 const ArmModel& horizontalArm() {
   static const ArmModel model(test::softHelicalArm(), std::nullopt, test::horizontalLoad(),
@@ -29,7 +26,6 @@ const ArmModel& horizontalArm() {
 }
 
 struct Case {
-  model::Shape shape;
   Vector3d tip, direction;
 };
 const std::vector<Case>& cases() {
@@ -40,7 +36,7 @@ const std::vector<Case>& cases() {
       const Solution at = horizontalArm().solve(test::randomInput(horizontalArm().arm(), random));
       Vector3d direction = random.direction<3>();
       direction.x() = std::abs(direction.x());  // pulls: nothing buckles
-      out.push_back({at.shape, at.tip.translation, direction.normalized()});
+      out.push_back({at.tip.translation, direction.normalized()});
     }
     return out;
   }();
@@ -70,80 +66,6 @@ double solveByCeres(ceres::CostFunction* cost, double* fraction) {
   ceres::Solve(options, &problem, &summary);
   return summary.final_cost;
 }
-
-// ---- a shape ------------------------------------------------------------------------------------
-
-// The wrenches at the middle of each piece, those required once.
-struct ShapeResidual {
-  std::vector<Vector6> required, twists;
-
-  explicit ShapeResidual(const Case& one) {
-    const Load& load = *horizontalArm().load();
-    for (int j = 0; j < kPlaces; ++j) {
-      lie::SE3 at;
-      for (int i = 0; i < j; ++i) at = one.shape.beyond(at, i);
-      at = at * lie::SE3::exp(0.5 * one.shape.pieces().col(j));
-      Vector3d force = Vector3d::Zero(), moment = Vector3d::Zero();
-      lie::SE3 X;
-      for (int i = 0; i < kPlaces; ++i) {
-        const double part = i < j ? 0.0 : i == j ? 0.5 : 1.0;
-        const lie::SE3 middle =
-            X * lie::SE3::exp((i == j ? 0.75 : 0.5) * one.shape.pieces().col(i));
-        const Vector3d weight = part / kPlaces * load.mass[0] * load.gravity;
-        force += weight;
-        moment += (middle.translation - at.translation).cross(weight);
-        X = one.shape.beyond(X, i);
-      }
-      const Vector3d hung = load.forceOf(load.points[0]);
-      force += hung;
-      moment += (X.translation - at.translation).cross(hung);
-      Vector6 wrench;
-      wrench << at.rotation.transpose() * force, at.rotation.transpose() * moment;
-      required.push_back(wrench);
-      twists.push_back(kPlaces * one.shape.pieces().col(j));
-    }
-  }
-
-  bool operator()(const double* fraction, double* residual) const {
-    const model::Arm& arm = horizontalArm().arm();
-    const double per_strain = horizontalArm().load()->K_eps[0] / arm.freeLength(0);
-    for (int j = 0; j < kPlaces; ++j) {
-      Vector6 sum = Vector6::Zero();
-      for (int i = 0; i < kMuscles; ++i) {
-        const model::Actuator& muscle = arm.actuator(i);
-        const lie::Matrix6 seen = muscle.X_O.inverse().adjoint();
-        Vector6 strain = seen * twists[j];
-        strain[0] -= lengthAt(i, fraction[i]);
-        sum += seen.transpose() * muscle.stiffness.diagonal<lie::SE3>().cwiseProduct(strain);
-      }
-      Vector6::Map(residual + 6 * j) = per_strain * sum - required[j];
-      Vector3d::Map(residual + 6 * j + 3) /= 0.0254;
-    }
-    return true;
-  }
-};
-
-void attain(::benchmark::State& state) {
-  const AttainSolver solver(horizontalArm().arm(), *horizontalArm().load());
-  std::size_t i = 0;
-  for (auto _ : state) {
-    ::benchmark::DoNotOptimize(solver.attain(cases()[i++ % kCases].shape));
-  }
-}
-BENCHMARK(attain);
-
-void attainOfPeer(::benchmark::State& state) {
-  using Cost = ceres::NumericDiffCostFunction<ShapeResidual, ceres::CENTRAL, 6 * kPlaces, kMuscles>;
-  std::size_t i = 0;
-  for (auto _ : state) {
-    double fraction[] = {0.5, 0.5, 0.5};
-    ::benchmark::DoNotOptimize(
-        solveByCeres(new Cost(new ShapeResidual(cases()[i++ % kCases])), fraction));
-  }
-}
-BENCHMARK(attainOfPeer);
-
-// ---- a place ------------------------------------------------------------------------------------
 
 struct TipResidual {
   ArmModel model;

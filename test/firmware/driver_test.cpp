@@ -323,10 +323,6 @@ constexpr double kWatched = 0.5;  // of the board: silence until it vents [s]
 
 using Damage = LiveBoard::Damage;
 
-char randomByte(std::mt19937& generator) {
-  return static_cast<char>(std::uniform_int_distribution<int>(0, 255)(generator));
-}
-
 const Damage kCut = [](const std::string&) { return std::string(); };
 // Every line is cut in half, its end included.
 const Damage kHalved = [](const std::string& bytes) { return bytes.substr(0, bytes.size() / 2); };
@@ -335,24 +331,13 @@ const Damage kNoisy = [generator = std::mt19937(5)](const std::string& bytes) mu
   std::string out;
   for (const char sent : bytes) {
     out += sent;
-    if (std::bernoulli_distribution(0.25)(generator)) out += randomByte(generator);
+    if (std::bernoulli_distribution(0.25)(generator)) out += static_cast<char>(generator());
   }
   return out;
-};
-const Damage kGarbage = [generator = std::mt19937(6)](const std::string& bytes) mutable {
-  std::string out(bytes.size(), '\0');
-  for (char& byte : out) byte = randomByte(generator);
-  return out + "\n";
 };
 // Every line comes when the next one is due.
 const Damage kLate = [waiting = std::string()](const std::string& line) mutable {
   return std::exchange(waiting, line);
-};
-const Damage kInPsi = [](const std::string& line) {
-  return std::regex_replace(line, std::regex("kPa"), "psi");
-};
-const Damage kNotANumber = [](const std::string& line) {
-  return std::regex_replace(line, std::regex("=-?[0-9.]+ "), "=nan ");
 };
 // Each channel's first reading, whatever comes after it.
 const Damage kStuck = [first =
@@ -454,11 +439,8 @@ std::vector<Row> rowsOfTheLine() {
       Row{"line_noisy", kReading, 2.0, [](BoardRig& rig) { rig.board().damage(kNoisy); }, kNothing},
       Row{"half_lines", kLine, 1.0, [](BoardRig& rig) { rig.board().damage(kHalved); }, kNothing},
       onAnswers("answers_cut", kCut),
-      onAnswers("answers_garbage", kGarbage),
       onAnswers("answers_halved", kHalved),
-      onAnswers("answers_in_another_unit", kInPsi),
       onAnswers("answers_late", kLate),
-      onAnswers("answers_not_a_number", kNotANumber),
       onMove(Row{"answers_stuck", kReading, 1.0,
                  [](BoardRig& rig) { rig.board().damageAnswers(kStuck); }, kNothing}),
       Row{"unplugged", kLine, 0.3, [](BoardRig& rig) { rig.board().unplug(); }, kNothing},

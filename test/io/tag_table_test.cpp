@@ -119,10 +119,6 @@ std::vector<TipWayPoint> load(const std::string& text) {
   return loadTipPath(loadDataSet(test::TemporaryFile(text).path()));
 }
 
-std::string faultsOf(const std::string& text) {
-  return test::tableFaults(text, [](const std::string& path) { loadTipPath(loadDataSet(path)); });
-}
-
 void expectSame(const std::vector<TipWayPoint>& read, const std::vector<TipWayPoint>& written) {
   ASSERT_EQ(read.size(), written.size());
   for (std::size_t i = 0; i < read.size(); ++i) {
@@ -143,26 +139,6 @@ TEST(TipPathFile, WhatIsWrittenIsReadAsTheSame) {
   expectSame(load(tipPathCsv(circle, "two\nlines")), circle);
   EXPECT_EQ(tipPathCsv({{0, {0.4, 0, -0.5}}, {0.1, {1, 2, 3}}}, "two\nlines"),
             "# two\n# lines\ntime_s,x_m,y_m,z_m\n0,0.4,0,-0.5\n0.1,1,2,3\n");
-}
-
-TEST(TipPathFile, AllFaultsAreReportedWithTheirLines) {
-  EXPECT_EQ(faultsOf("# c\n" + kHeader +
-                     "-0.1,0,0,0\n"
-                     "1,0,0,0\n"
-                     "0.5,0,0,0\n"
-                     "0.5,0,0,0\n"
-                     "2,0,0,0\n"
-                     "# between\n"
-                     "2,3e6,0,-3e6\n"
-                     "1e7,0,0,0\n"),
-            ":3 time_s is not within 0 to 1000000; expected the time since the start of the path\n"
-            ":5 time_s is not at least 1e-06 s after line 4; expected ascending times\n"
-            ":6 time_s is not at least 1e-06 s after line 5; expected ascending times\n"
-            ":9 time_s is not at least 1e-06 s after line 7; expected ascending times\n"
-            ":9 x_m is beyond 1000000; expected metres from the arm's base\n"
-            ":9 z_m is beyond 1000000; expected metres from the arm's base\n"
-            ":10 time_s is not within 0 to 1000000; expected the time since the start of the path");
-  EXPECT_EQ(faultsOf(kHeader + "0,0,0,0\n1e-6,0,0,0\n"), "") << "the shortest step";
 }
 
 }  // namespace

@@ -1,10 +1,8 @@
 // The fault matrix of the ROS master and of simulated time, each with a master of its own.
 #include <csignal>
 
-#include <fcntl.h>
 #include <gtest/gtest.h>
 #include <rosbag/bag.h>
-#include <sys/stat.h>
 
 #include "helix_arm/PressureArray.h"
 #include "support/emulated_regulator.hpp"
@@ -25,9 +23,9 @@ class DeadMaster : public ::testing::Test {
     return out;
   }
   // Goes through pressures above 140 kPa on every muscle.
-  Process commander(const std::string& name = "pressure_series") const {
+  Process commander() const {
     return Process({HELIX_ARM_SERIES, "_scene:=" + regulator_.scene(), "_loop:=true",
-                    "_ramp_s:=0.2", "_hold_s:=1", "__name:=" + name},
+                    "_ramp_s:=0.2", "_hold_s:=1"},
                    master_.variables());
   }
   void call(const std::vector<std::string>& arguments, const std::string& answer) const {
@@ -48,17 +46,6 @@ class DeadMaster : public ::testing::Test {
   bool vents(double deadline) const {
     return eventually([this] { return regulator_.isVented(); }, deadline);
   }
-  // The last value of a key in what `rostopic echo` has printed of the diagnostics; empty before.
-  static std::string valueOf(const std::string& key, Process& diagnostics) {
-    const std::string& text = diagnostics.outputNow();
-    const std::string begin = "key: \"" + key + "\"\n";
-    const std::size_t at = text.rfind(begin);
-    if (at == std::string::npos) return "";
-    const std::size_t open = text.find('"', at + begin.size());
-    const std::size_t close = open == std::string::npos ? open : text.find('"', open + 1);
-    return close == std::string::npos ? "" : text.substr(open + 1, close - open - 1);
-  }
-
   EmulatedRegulator regulator_{Line::kModbus};
   Master master_;
 };
@@ -93,37 +80,6 @@ TEST_F(DeadMaster, ItsEndOrItsSilenceEndsTheNodeVented) {
     EXPECT_EQ(hand.exitCode(60), 1) << hand.output();
     end.hangs ? master_.signal(SIGCONT) : master_.start();
   }
-}
-
-TEST_F(DeadMaster, ABlockedLogDelaysNeitherTargetsNorStopNorVent) {
-  if (!isFullSize()) GTEST_SKIP() << kFullSizeOnly;
-  const TemporaryFolder folder;
-  const std::string log = folder / "log";
-  ASSERT_EQ(mkfifo(log.c_str(), 0600), 0);
-  const int reader = open(log.c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC);
-  ASSERT_GE(reader, 0);
-  std::vector<std::string> shell = {"sh", "-c", "exec \"$0\" \"$@\" > " + log + " 2>&1"};
-  for (const std::string& word : node()) shell.push_back(word);
-  Process arm(shell, master_.variables());
-  call({kNode + "/vent"}, "success: ");  // it is up
-  Process hand = commander();
-  ASSERT_TRUE(inflates());
-  const std::string rubbish(512, '.');
-  while (write(reader, rubbish.data(), rubbish.size()) > 0) {
-  }
-  // The main thread warns of a second commander's targets, and still takes those of the first.
-  Process diagnostics({"rostopic", "echo", "/diagnostics"}, master_.variables());
-  Process other = commander("other");
-  ASSERT_TRUE(eventually([&] {
-    const std::string count = valueOf("dropped_other_commander", diagnostics);
-    return !count.empty() && count != "0";
-  })) << diagnostics.output();
-  call({kNode + "/vent"}, "success: ");
-  ASSERT_TRUE(vents(10));
-  ASSERT_TRUE(inflates());
-  call({kNode + "/emergency_stop", "true"}, "success: True");
-  EXPECT_TRUE(vents(10));  // nothing else would: its commander goes on
-  close(reader);
 }
 
 TEST_F(DeadMaster, HardwareRefusesSimulatedTime) {

@@ -4,7 +4,6 @@
 // an arm could not be enabled again, a pressure went beyond its limit and the margin, or memory
 // grew.
 #include <algorithm>
-#include <array>
 #include <chrono>
 #include <cstdio>
 #include <fstream>
@@ -31,24 +30,12 @@ constexpr int kStopEngaged = kSilentCommander + 1;
 constexpr int kVentAsked = kStopEngaged + 1;
 constexpr int kTroubleCount = kVentAsked + 1;
 
-// How the arm took one kind of trouble.
-struct TroubleTally {
-  int injected = 0;
-  int endured = 0;  //< without leaving kEnabled, where it was shorter than its rule, or harmless
-  // That had to end kEnabled and did not, after which pressure still stood, or in which it was
-  // astray.
-  int missed = 0;
-};
-
 struct SoakTally {
-  std::array<TroubleTally, kTroubleCount> troubles;
-  std::uint64_t targets = 0;  //< that were taken
-  int missed = 0;             //< of all troubles, and without one
-  int unprovoked = 0;         //< faults without a trouble
-  int stranded = 0;           //< troubles after which it could not be enabled again
-  double highest = 0;         //< true pressure of any channel, of its limit
-  bool burst = false;         //< it went beyond the limit by more than the margin of the rules
-  std::string last_reason;    //< of the last miss
+  int injected = 0;    //< troubles
+  int missed = 0;      //< that did not end as they had to, and without a trouble
+  int stranded = 0;    //< troubles after which it could not be enabled again
+  bool burst = false;  //< a pressure went beyond its limit by more than the margin of the rules
+  std::string last_reason;  //< of the last miss
 };
 
 constexpr double kRate = 1000;  // of targets [Hz]
@@ -135,16 +122,11 @@ class SoakedArm {
       next_goal_ = now_ + random_.uniform(0.2, 2);
     }
     const bool speaks = !(phase_ == Phase::kTrouble && trouble_ == kSilentCommander);
-    if (speaks && path_.target(now_, goal_)) {
-      ++tally_.targets;
-    } else {
-      path_.turn(now_);
-    }
+    if (!speaks || !path_.target(now_, goal_)) path_.turn(now_);
     true_pressure_ = device_->pressure().head(goal_.size());
     for (int i = 0; i < goal_.size(); ++i) {
       const double limit = path_.core().channels()[static_cast<std::size_t>(i)].limits.upper;
       if (overfills(trouble_)) continue;
-      tally_.highest = std::max(tally_.highest, true_pressure_[i] / limit);
       if (true_pressure_[i] > limit + rules_.trip_margin) tally_.burst = true;
     }
     watchCourse();
@@ -155,7 +137,6 @@ class SoakedArm {
 
   void follow() {
     if (!enabled()) {
-      ++tally_.unprovoked;
       trouble_ = -1;
       missed_ = false;
       trouble_ended_ = now_;
@@ -171,7 +152,7 @@ class SoakedArm {
     trouble_ = trouble;
     trouble_began_ = now_;
     decided_ = emptied_ = missed_ = false;
-    ++tally_.troubles[static_cast<std::size_t>(trouble)].injected;
+    ++tally_.injected;
     if (isDevices(trouble)) device_->setFault(static_cast<DeviceFault>(trouble));
     if (trouble == kStopEngaged) path_.core().emergencyStop(now_, true);
     if (trouble == kVentAsked) path_.core().vent(now_);
@@ -200,11 +181,7 @@ class SoakedArm {
     const bool settles = now_ < trouble_ended_ + rules_.reading_timeout + kSlack;
     if (enabled()) {
       if (settles) return;
-      if (restarts(trouble_) && !decided_) {
-        miss("still enabled");
-      } else if (trouble_ >= 0 && !decided_) {
-        ++tally_.troubles[static_cast<std::size_t>(trouble_)].endured;
-      }
+      if (restarts(trouble_) && !decided_) miss("still enabled");
       enter(Phase::kFollow, random_.uniform(0.5, 3));
       return;
     }
@@ -275,7 +252,6 @@ class SoakedArm {
     if (missed_) return;
     missed_ = true;
     ++tally_.missed;
-    if (trouble_ >= 0) ++tally_.troubles[static_cast<std::size_t>(trouble_)].missed;
     tally_.last_reason = std::string(trouble_ < 0 ? "no trouble" : troubleName(trouble_)) + ": " +
                          what + "; " + path_.core().reason();
   }
@@ -350,18 +326,6 @@ double residentMegabytes() {
   return resident * static_cast<double>(sysconf(_SC_PAGESIZE)) / (1 << 20);
 }
 
-void print(const std::string& name, const SoakTally& tally) {
-  std::printf("\n%s: %llu targets taken, highest pressure %.2f of the limit\n", name.c_str(),
-              static_cast<unsigned long long>(tally.targets), tally.highest);
-  std::printf("  %-17s %8s %8s %7s\n", "trouble", "injected", "endured", "missed");
-  for (int i = 1; i < kTroubleCount; ++i) {
-    const TroubleTally& t = tally.troubles[static_cast<std::size_t>(i)];
-    std::printf("  %-17s %8d %8d %7d\n", troubleName(i), t.injected, t.endured, t.missed);
-  }
-  if (tally.unprovoked > 0) std::printf("  %d faults without trouble\n", tally.unprovoked);
-  if (!tally.last_reason.empty()) std::printf("  last: %s\n", tally.last_reason.c_str());
-}
-
 int soak(double minutes, unsigned seed) {
   const TemporaryFolder folder;
   SoakedArm arms[] = {serialArm(folder, seed), modbusArm(seed)};
@@ -382,8 +346,8 @@ int soak(double minutes, unsigned seed) {
   int injected = 0, missed = 0, stranded = 0, burst = 0;
   for (int i = 0; i < 2; ++i) {
     const SoakTally& tally = arms[i].tally();
-    print(names[i], tally);
-    for (const TroubleTally& trouble : tally.troubles) injected += trouble.injected;
+    std::printf("%s: %s\n", names[i], tally.last_reason.c_str());
+    injected += tally.injected;
     missed += tally.missed;
     stranded += tally.stranded;
     burst += tally.burst ? 1 : 0;

@@ -185,24 +185,6 @@ TEST(ExactArm, LoadOnAMotionThatNothingResistsIsUnsupportedInEveryTier) {
   expect(bent, SolveStatus::kUnsupported);
 }
 
-TEST(ExactArm, HopelessLoadsNeverPassForBalanced) {
-  test::Random random(507);
-  int refused = 0;
-  for (int i = 0; i < 30; ++i) {
-    const model::Arm arm =
-        test::ringArm(i % 2 ? test::helicalRing() : test::straightRing(), 1 + i % 3);
-    Load load = weightless(arm.sectionCount(), 500.0);
-    load.points.push_back(tipLoad(arm, random.logUniform(1e2, 1e150) * random.direction<3>()));
-    const Solution solution = ExactArm(arm, load).solve(arm.twists(test::randomInput(arm, random)));
-    EXPECT_FALSE(std::isnan(solution.residual));
-    EXPECT_TRUE(solution.tip.translation.allFinite());
-    EXPECT_TRUE(solution.shape.pieces().allFinite());
-    EXPECT_EQ(solution.converged(), solution.residual <= ExactOptions{}.tolerance);
-    refused += !solution.converged();
-  }
-  EXPECT_GT(refused, 5);
-}
-
 // A column along x that hardly shortens or shears, pressed at its tip or by its own weight: Euler
 // and Greenhill say where the exact tier's shape leaves the axis, and orders find that shape or say
 // that they did not.

@@ -62,25 +62,6 @@ TEST(Preference, FindsTheBestAlongTheOneSpareMotionOfFourMuscles) {
   }
 }
 
-TEST(Inverse, WarmStartNeedsFewIterations) {
-  const model::Arm arm = test::ringArm(test::helicalRing());
-  InverseSolver solver(arm);
-  Eigen::VectorXd q = Eigen::Vector3d(1e5, 2e5, 1.5e5), command = q;
-  test::Random random(102);
-  int worst = 0;
-  for (int i = 0; i < 2000; ++i) {
-    for (int k = 0; k < 3; ++k)
-      q[k] = std::min(std::max(q[k] + random.uniform(-5e3, 5e3), 1e4), 4e5);
-    const Eigen::Vector3d target = arm.tip(q).translation;
-    const InverseResult& result = solver.toPosition(target, command);
-    ASSERT_EQ(result.status, InverseStatus::kReached);
-    ASSERT_LE((arm.tip(result.input).translation - target).norm(), 1e-6);
-    command = result.input;
-    worst = std::max(worst, result.iterations);
-  }
-  EXPECT_LE(worst, 4);
-}
-
 // Tips [m] of a section of three of the paper's muscles, at a grid of pressures from 0 to
 // kMaxPressure: so many along each axis, the first actuator's pressure changing fastest.
 struct TipGrid {
@@ -134,18 +115,6 @@ TEST(Inverse, GivesTheClosestTipWhereTheTargetCannotBeReached) {
     }
     EXPECT_GT(unreachable, targets * 5 / 6);
   }
-}
-
-TEST(Inverse, ReportsActiveLimits) {
-  const model::Arm arm = test::ringArm(test::straightRing());
-  InverseSolver solver(arm);
-  const InverseResult& result =
-      solver.toTwists(arm.twists(Eigen::Vector3d(test::kMaxPressure, 0, 1e5)), arm.inputAt(0.5));
-  EXPECT_EQ(result.limits[0], Limit::kUpper);
-  EXPECT_EQ(result.limits[1], Limit::kLower);
-  EXPECT_EQ(result.limits[2], Limit::kNone);
-  EXPECT_EQ(result.input[0], test::kMaxPressure);
-  EXPECT_EQ(result.input[1], 0.0);
 }
 
 TEST(Inverse, DoesNotAllocate) {
@@ -263,8 +232,6 @@ TEST(Inverse, ReachesPosesAndTwists) {
   }
 }
 
-using test::Posture;
-
 ArmModel modelOf(const model::Arm& arm, const Load& load, Tier tier,
                  std::optional<int> order = {}) {
   return ArmModel(arm, std::nullopt, load, request(tier, order));
@@ -298,30 +265,6 @@ TEST(LoadedInverse, FindsInputsOfReachableTips) {
       EXPECT_LE(linear_hits, 2);  // the load matters here
     }
   }
-}
-
-TEST(LoadedInverse, ReportsWhereNoShapeBalancesTheLoad) {
-  const model::Arm arm = test::softHelicalArm();
-  const ArmModel heavy =
-      modelOf(arm, test::weight(Posture::kHorizontal, 40.0, 500), Tier::kLoaded, 5);
-  test::Random random(43);
-  int balanced = 0, hopeless = 0;
-  InverseSolver solver(heavy);
-  for (int i = 0; i < 30; ++i) {
-    const Tip tip = heavy.tip(test::randomInput(arm, random));
-    balanced += tip.converged() ? 1 : 0;
-    const Eigen::Vector3d target =
-        tip.converged() ? tip.tip.translation : Eigen::Vector3d(0.2, 0.1, 0.1);
-    const InverseResult& result = solver.toPosition(target, test::randomInput(arm, random));
-    if (!std::isfinite(result.residual)) {
-      EXPECT_EQ(result.status, InverseStatus::kNotConverged);
-      ++hopeless;
-    } else {
-      EXPECT_TRUE(heavy.tip(result.input).converged());
-    }
-  }
-  EXPECT_LT(balanced, 30);
-  EXPECT_GT(hopeless, 0);
 }
 
 // ---- Quadratic steps in a box -------------------------------------------------------------------

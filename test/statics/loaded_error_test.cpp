@@ -69,43 +69,6 @@ struct Tally {
   }
 };
 
-// A column of the spatial arm's muscles with a force along it and some across.
-Load pressed(double along, double across) {
-  Load load = test::weight(Posture::kHanging, 0.0, 900);
-  load.points = {{0, 1.0, 0.0, {-along, 0, across}}};
-  return load;
-}
-model::Arm column(double K_tau) {
-  test::Ring ring = test::straightRing();
-  ring.stiffness.tau = K_tau;
-  return test::ringArm(ring);
-}
-
-TEST(LoadedError, ConvergedIsWithinTheStatedErrorUpToBuckling) {
-  Tally below, near;
-  for (const double K_tau : {0.0, 1e-4}) {
-    const model::Arm arm = column(K_tau);
-    for (const double fraction : {0.0, 0.3}) {
-      const model::Twists twists = arm.twists(arm.inputAt(fraction));
-      for (const double across : {0.0, 1e-4, 0.01, 0.3}) {
-        for (double force = 1; force <= 8; force += 1) {
-          below.add(arm, pressed(force, across), twists, "well below");
-        }
-        for (double force = 9; force < 20; force += force < 14 ? 1 : 0.25) {
-          near.add(arm, pressed(force, across), twists, "near buckling");
-        }
-      }
-    }
-  }
-  below.print("up to half of it");
-  near.print("up to buckling and beyond");
-  for (int order = kLeastOrder; order <= kMostOrder; ++order) {
-    EXPECT_GT(below.share(order), order == kLeastOrder ? 0.9 : 0.999) << order;
-    EXPECT_GT(near.share(order), 0.1) << order;
-    EXPECT_LT(near.share(order), 0.9) << order;
-  }
-}
-
 // An arm of equal rings and its weight, which bends it by up to a few turns: 3 to 15 muscles a
 // section, 0.3 to 1.5 m long, soft and stiff, hanging, standing and horizontal.
 struct LongArm {
