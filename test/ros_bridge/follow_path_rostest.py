@@ -1,6 +1,5 @@
 #!/usr/bin/env python3
-"""Paths of the tip: goals of follow_tip_path and how they end, and the node that sends a path file."""
-import csv
+"""Paths of the tip: goals of follow_tip_path and how they end."""
 import math
 import os
 import sys
@@ -12,9 +11,9 @@ from actionlib_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", "support"))
-from helix_arm.msg import FollowTipPathResult, LoopStatus, PressureArray, SafetyState, TargetStatus  # noqa: E402
+from helix_arm.msg import FollowTipPathResult, LoopStatus, SafetyState  # noqa: E402
 from helix_arm.srv import Reload  # noqa: E402
-from loop_rig import BESIDE, MIDDLE, LoopRig, call, goal_along, place, target_at, wait_for  # noqa: E402
+from loop_rig import BESIDE, MIDDLE, LoopRig, call, goal_along, place, target_at  # noqa: E402
 from processes import SOURCE  # noqa: E402
 
 NODES = ("visual_servo", "pressure_command", "vision")  # that hold one scene; who may refuse first
@@ -119,53 +118,6 @@ class FollowTipPath(LoopRig):
         self.send(goal_along([MIDDLE, BESIDE], 1.0))
         self.assert_ends(FollowTipPathResult.NOT_ENABLED, "enable")
 
-    def test_another_commander_keeps_the_arm(self):
-        hold = PressureArray(pressure=[5e4] * 3)
-
-        def kept(condition):
-            hold.header.stamp = rospy.Time.now()
-            self.pressure_target.publish(hold)
-            return wait_for(condition, 0.1)
-
-        self.assert_wait(lambda: kept(lambda: self.status and self.status[-1].topic == "pressure_target" and
-                                      self.status[-1].outcome == TargetStatus.REACHED))
-        self.send(goal_along([MIDDLE, BESIDE], 1.0))
-        self.assert_wait(lambda: kept(self.is_done))
-        self.assert_ends(FollowTipPathResult.NOT_ENABLED, rospy.get_name())
-
-
-class FollowPath(LoopRig):
-    def setUp(self):
-        super().setUp()
-        self.record, self.figure = self.path("run.csv"), self.path("run.png")
-
-    def start(self, rows, *more):
-        """The node on a path of time [s] and y beside the middle [m]."""
-        with open(self.path("path.csv"), "w") as file:
-            file.write("time_s,x_m,y_m,z_m\n" + "".join("%g,0.366,%g,0.0088\n" % (time, 0.0035 + y) for time, y in rows))
-        if rospy.has_param("/follow_path"):
-            rospy.delete_param("/follow_path")  # those of the run before would stay
-        return self.run_node("follow_path", "_path:=" + self.path("path.csv"), "_goal_tolerance_mm:=5", "_hold_s:=0.1", *more)
-
-    def rows(self):
-        with open(self.record) as file:
-            return list(csv.DictReader(line for line in file if not line.startswith("#")))
-
-    def test_ends_with_its_path_and_leaves_a_record_and_its_figure(self):
-        run = self.start([(0, 0), (1, 0.0075), (2, 0.015)], "_record:=" + self.record, "_figure:=" + self.figure)
-        self.assertEqual(run.code(120), 0, run.output())
-        self.assertIn("the path was followed", run.output())
-
-        # Its columns are laws of procedures/.
-        rows = self.rows()
-        self.assertGreater(len(rows), 10)
-        # The last picture is taken shortly before the end of the path.
-        self.assertLess(abs(float(rows[-1]["wanted_y_m"]) - MIDDLE[1] - 0.015), 1e-4)
-        self.assertTrue(os.path.exists(self.figure))
-
-
-del LoopRig  # whose tests are those of its kinds
-
 
 if __name__ == "__main__":
-    rostest.rosrun("helix_arm", "follow_path", "__main__", sys.argv)
+    rostest.rosrun("helix_arm", "follow_path", FollowTipPath, sys.argv)

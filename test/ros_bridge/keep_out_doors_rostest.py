@@ -18,7 +18,7 @@ from visualization_msgs.msg import InteractiveMarkerFeedback, InteractiveMarkerI
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", "support"))
 from calibration_rig import CalibrationRig  # noqa: E402
 from helix_arm.msg import (ArmShape, FollowTipPathAction, FollowTipPathResult, RunExperimentAction, RunExperimentGoal,  # noqa: E402
-                           SafetyState, ShapeTarget, TargetStatus, TipTarget)
+                           SafetyState, ShapeTarget, TipTarget)
 from loop_rig import goal_along  # noqa: E402
 from zones import LEAST, TOUCHES, clearance, with_post  # noqa: E402
 

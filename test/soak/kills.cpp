@@ -17,7 +17,6 @@
 #include "ros_bridge/common/client_watch.hpp"
 #include "support/hardware_rig.hpp"
 #include "support/random.hpp"
-#include "support/vision_rig.hpp"
 
 namespace helix_arm::test {
 namespace {
