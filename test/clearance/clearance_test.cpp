@@ -1,6 +1,7 @@
 // Distances of an arm's body from zones, the tool and itself: against dense sampling of the
 // definitions.
 #include <cmath>
+#include <memory>
 
 #include <gtest/gtest.h>
 
@@ -88,6 +89,22 @@ std::vector<Vector3d> surfaceOf(const std::variant<Box, Cylinder>& form) {
     }
   }
   return out;
+}
+
+TEST(Clearance, CountsPlatesAndToolAsStraightLinks) {
+  test::Random random(2);
+  for (int i = 0; i < 100; ++i) {
+    auto links = std::make_shared<model::Links>();
+    for (int k = 0; k < 2; ++k) links->push_back(test::randomPose(random, 0.1));
+    const model::Shape shape(randomShape(random, 2, 1.0).pieces(), 1, links);
+    KeepOut keep_out;
+    keep_out.radii = {0.02, 0.01};
+    keep_out.zones = {test::randomZone(random, 0.1, 0.6, i % 3, "post")};
+    const double expected = test::denseClearance(keep_out, shape, 4000);
+    if (expected > 0) {
+      EXPECT_NEAR(ArmClearance(keep_out).of(shape).distance, expected, 1e-4);
+    }
+  }
 }
 
 TEST(Clearance, OfAToolIsThatOfItsSurface) {

@@ -10,6 +10,9 @@
 #include "helix_arm/statics/loaded.hpp"
 #include "helix_arm/statics/stiffness_by_input.hpp"
 #include "statics/arms_under_load.hpp"
+#include "support/has.hpp"
+#include "support/refusal.hpp"
+#include "support/tapered_arm.hpp"
 #include "support/test_size.hpp"
 
 namespace helix_arm::statics {
@@ -83,6 +86,15 @@ TEST(BendingTable, TwistsHaveTheLeastEnergyAndHalveWhenTheOtherChambersDouble) {
   }
   EXPECT_NEAR(2 * model::curvatureOf(straight.twists(other)),
               model::curvatureOf(straight.twists(one)), 1e-12);
+}
+
+TEST(BendingTable, ATaperedSectionIsRefusedWithEitherTable) {
+  model::Section tapered = test::taperedSection(test::straightRing(), {0.05, 0.025}, {0, 0});
+  const model::Arm plain({tapered});
+  const char* const words = "depends on pressure, which needs a section without taper";
+  EXPECT_TRUE(test::has(test::refusal([&] { ArmModel(plain, {}, loadWith(kTable)); }), words));
+  tapered.bending = kDoubling;
+  EXPECT_TRUE(test::has(test::refusal([&] { model::Arm({tapered}); }), words));
 }
 
 TEST(BendingTable, ThePressureOfTheOthersIs0OfOneChamberAloneAndThatOfAllAlike) {

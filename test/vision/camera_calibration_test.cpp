@@ -5,6 +5,12 @@
 #include <cmath>
 
 #include <gtest/gtest.h>
+#include <opencv2/core.hpp>
+#if CV_VERSION_MAJOR == 4 && CV_VERSION_MINOR < 7
+#include <opencv2/aruco/charuco.hpp>
+#else
+#include <opencv2/objdetect/aruco_board.hpp>
+#endif
 
 #include "basics/median.hpp"
 #include "helix_arm/vision/tag_detector.hpp"
@@ -267,6 +273,29 @@ TEST(CharucoObservation, CornersAreReadToATenthOfAPixel) {
     EXPECT_GT(count, 0.9 * 4 * board.cornerCount());
     EXPECT_LT(rms, 0.1);
     EXPECT_LT(worst, 0.3);
+  }
+}
+
+TEST(CharucoObservation, ABoardThatOpenCvDrawsIsRead) {
+  const auto known = cv::aruco::getPredefinedDictionary(cv::aruco::DICT_APRILTAG_36h11);
+  for (const auto& [columns, rows] : {std::pair{7, 9}, {5, 7}}) {
+    const CharucoBoard board{columns, rows, 0.02, 0.015, "DICT_APRILTAG_36h11"};
+    cv::Mat drawn, picture;
+#if CV_VERSION_MAJOR == 4 && CV_VERSION_MINOR < 7
+    cv::aruco::CharucoBoard::create(columns, rows, 0.02F, 0.015F, known)
+        ->draw({100 * columns, 100 * rows}, drawn);
+#else
+    cv::aruco::CharucoBoard({columns, rows}, 0.02F, 0.015F, known)
+        .generateImage({100 * columns, 100 * rows}, drawn);
+#endif
+    cv::copyMakeBorder(drawn, picture, 50, 50, 50, 50, cv::BORDER_CONSTANT, 255);
+    const BoardObservation seen = charucoObservation(board, "", picture);
+    ASSERT_EQ(seen.corners.size(), static_cast<std::size_t>(board.cornerCount()));
+    const Eigen::Vector2d centre(50 * columns + 49.5, 50 * rows + 49.5);
+    for (const BoardCorner& corner : seen.corners) {
+      const Eigen::Vector2d offset(corner.board.x(), -corner.board.y());
+      EXPECT_LT((corner.pixel - centre - 100 / 0.02 * offset).norm(), 0.3) << corner.id;
+    }
   }
 }
 
