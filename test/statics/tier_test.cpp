@@ -26,6 +26,26 @@ Load weightIn(const Eigen::Vector3d& direction) {
   return load;
 }
 
+TEST(TierChoice, WithoutLoadTheClosedFormsServeAndATimeBuysAccuracyUnderOne) {
+  const model::Arm arm = test::softHelicalArm();
+  const model::PlanarArm plane = test::planarArm();
+  EXPECT_EQ(chooseTier(arm, {}, {}, {}).setting.tier, Tier::kLinear);
+  EXPECT_EQ(chooseTier(model::embed(plane), plane, {}, {}).setting.tier, Tier::kPlanar);
+  Load load = weightIn(-Eigen::Vector3d::UnitZ());
+  TierRequest by_time;
+  by_time.time = 1.0;
+  EXPECT_LE(chooseTier(arm, {}, load, by_time).relative_tip_error, 1e-9);
+  by_time.time = 1e-12;
+  const auto refusal = [&load](const model::Arm& of, const auto& in, const TierRequest& wanted) {
+    return test::refusal([&] { chooseTier(of, in, load, wanted); });
+  };
+  EXPECT_TRUE(test::has(refusal(arm, std::optional<model::PlanarArm>(), by_time), "budget"));
+  EXPECT_TRUE(
+      test::has(refusal(model::embed(plane), plane, request(Tier::kPlanar)), "tier: loaded"));
+  load.mass = {1e6};
+  EXPECT_TRUE(test::has(refusal(arm, std::optional<model::PlanarArm>(), {}), "lower the masses"));
+}
+
 TEST(TierChoice, LoadsInThePlaneOfAPlanarArmAreSolvedThere) {
   const model::PlanarArm plane = test::planarArm();
   const model::Arm arm = model::embed(plane);
@@ -61,26 +81,6 @@ TEST(TierChoice, APlanarArmThatMayBuckleOutOfItsPlaneIsSolvedInSpace) {
       EXPECT_NE(std::string(error.what()).find("no shape balances it"), std::string::npos);
     }
   }
-}
-
-TEST(TierChoice, NamesTheKeyAndTheRemedyOfWhatItRefuses) {
-  const model::Arm helical = test::softHelicalArm();
-  const model::PlanarArm plane = test::planarArm();
-  const Load load = weightIn(Eigen::Vector3d::UnitZ());
-  const auto expect = [](const std::string& message, const char* key, const char* remedy) {
-    EXPECT_EQ(message.find(key), 0u) << message;
-    EXPECT_TRUE(test::has(message, remedy));
-  };
-  TierRequest accurate;
-  accurate.relative_tip_error = 1e-12;
-  expect(test::refusal([&] { chooseTier(helical, {}, load, accurate); }),
-         "accuracy.tip_error_percent", "allow that or more");
-  expect(
-      test::refusal([&] { chooseTier(model::embed(plane), plane, load, request(Tier::kPlanar)); }),
-      "tier: planar", "use tier: loaded");
-  Load crushing = load;
-  crushing.mass = {1e6};
-  expect(test::refusal([&] { chooseTier(helical, {}, crushing, {}); }), "load", "lower the masses");
 }
 
 // What chooseTier() promises of an accuracy and of a time, at inputs that it has not sampled.
