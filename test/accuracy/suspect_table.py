@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Makes each usual mistake in simulated data sets of five arms, and asserts that `calibrate` names it.
 
-usage: suspect_table.py --command HELIX_ARM [--seeds N] [--ctest] [--causes WORD..] [--sets K..] [--out FILE]
+usage: suspect_table.py --command HELIX_ARM [--seeds N] [--ctest] [--out FILE]
   --ctest   each cause once, on another data set than the last; with HELIX_ARM_TEST_SIZE=all one size of each mistake on each data set
 The arms: the demo's helical one, a planar one, one of two sections, a tapered one, and a soft one that sags by its weight; the true
 ones bend less, are longer, and carry tags that are 1 mm off. Corners come from rendered pictures and get 0.3 px of noise; tag poses
@@ -270,13 +270,12 @@ class Table:
 def cases_of(options):
     """(number of the data set, mistake)"""
     cases = []
-    for k in options.sets:
-        scene, data = SETS[k]
+    for k, (scene, data) in enumerate(SETS):
         mistakes = ANYWHERE + (CORNERS if "corners" in data else POSES) + (LOADED if scene == "loaded" else ())
         for number, mistake in enumerate(mistakes):
             cause = mistake[0]
             # Two muscles have no order around the arm and no tilt.
-            if (cause, scene) in (("tags_mirrored", "planar"), ("other_arm", "planar")) or options.causes and cause not in options.causes:
+            if (cause, scene) in (("tags_mirrored", "planar"), ("other_arm", "planar")):
                 continue
             if not (cause and options.ctest and (number + k) % 2):
                 cases.append((k, mistake))
@@ -296,8 +295,6 @@ def main():
     parser.add_argument("--command", required=True)
     parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--ctest", action="store_true")
-    parser.add_argument("--causes", nargs="*")
-    parser.add_argument("--sets", nargs="*", type=int, default=range(len(SETS)), help="from 0")
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     ranks, sound, lines, documents = [], [], [], {}

@@ -270,20 +270,6 @@ TEST(SafetyTimes, EachChannelMustBeReadWithinItsTimeout) {
   EXPECT_EQ(blind.cause(), Cause::kStaleReading);
 }
 
-TEST(SafetyTimes, AChannelThatAnswersInTurnsIsRead) {
-  Bench bench = enabledBench();
-  int k = 0;
-  bench.spoil = [&](Eigen::VectorXd& reading) {
-    for (int i = 0; i < 3; ++i) {
-      if (i != k % 3) reading[i] = std::nan("");
-    }
-    ++k;
-  };
-  bench.run(10);
-  EXPECT_EQ(bench.state(), State::kEnabled);
-  EXPECT_EQ(bench.core.reading(), bench.pressure);  // the newest of each, and they stand
-}
-
 // A fault in which every channel does what its action says.
 void starve(Bench& bench) {
   bench.supply = 1e5;
@@ -390,23 +376,6 @@ Bench restingBench(std::vector<ChannelRules> channels = benchChannels()) {
   bench.commands = false;
   EXPECT_TRUE(bench.core.rest(bench.now));
   return bench;
-}
-
-TEST(SafetyRest, SetPointsRampDownAtTheirSlewAndTheArmThenRestsWithoutACause) {
-  Bench bench = restingBench(benchChannels(kSlowSlew));
-  for (int k = 1; k <= 100; ++k) {
-    bench.turn();
-    ASSERT_EQ(bench.orders(), "rrr");
-    for (const double set_point : bench.core.orders().set_point) {
-      ASSERT_NEAR(set_point, 1e5 - 1e3 * k, 1e-6);
-    }
-  }
-  ASSERT_TRUE(bench.reach(State::kDisabled)) << bench.core.reason();
-  EXPECT_EQ(bench.cause(), Cause::kNone);
-  EXPECT_EQ(bench.orders(), "vvv");
-  EXPECT_LE(bench.pressure.maxCoeff(), benchRules().vented_below);
-  EXPECT_FALSE(bench.core.report().vent_overdue);
-  EXPECT_TRUE(bench.core.mayEnableItself());
 }
 
 TEST(SafetyRest, WithoutASlewItVentsOnceTheReadingsAreDown) {

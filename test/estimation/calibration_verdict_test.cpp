@@ -215,26 +215,12 @@ TEST(CalibrationVerdict, KKappaOfCurvaturesWarnsOfLengthsThatItTakesAsExact) {
 
 constexpr int kCaptures = 21;
 constexpr double kSharpNoise = 0.003;  // of twists [m], [rad]: both parameters are determined
-constexpr double kDullNoise = 0.01;    // K_kappa is not
 
 // Bending and shear have comparable parts in the bending of this arm.
 model::Arm tiltedArm() {
   test::Ring ring = test::helicalRing();
   ring.stiffness.gamma = 30;
   return test::ringArm(ring);
-}
-
-ArmCaptures noisyTwists(const model::Arm& known, const test::RigTruth& truth, double noise,
-                        Random& random) {
-  return twists(known, truth, randomPressures(known, kCaptures, random), noise, noise, random);
-}
-
-Calibration calibrationOf(const model::Arm& known, const test::RigTruth& truth, double noise,
-                          Random& random, bool held_out) {
-  CalibrationOptions options;
-  options.held_out = held_out;
-  options.next_pressures = 0;
-  return calibrate({noisyTwists(known, truth, noise, random)}, options);
 }
 
 // Log of the reported value over the true one.
@@ -248,28 +234,21 @@ double logError(const Combination& one, const test::RigTruth& truth) {
 
 double relativeErrorOf(const Parameter& one) { return one.standard_error / one.value; }
 
-class CombinationOfATiltedArm : public testing::TestWithParam<double> {};
-INSTANTIATE_TEST_SUITE_P(Noise, CombinationOfATiltedArm, testing::Values(kSharpNoise, kDullNoise));
-
-TEST_P(CombinationOfATiltedArm, IsFoundWithinItsErrors) {
-  const double noise = GetParam();
+TEST(CalibrationVerdict, TheCombinationOfATiltedArmIsFoundWithinItsErrors) {
   const model::Arm known = tiltedArm();
-  int told = 0, covered = 0, bad_covered = 0;
-  std::vector<double> gains;
+  CalibrationOptions options;
+  options.held_out = false;
+  options.next_pressures = 0;
+  int covered = 0, bad_covered = 0;
   for (int rig = 0; rig < kRigs; ++rig) {
     Random random(5000 + rig);
     const test::RigTruth truth = drawTruth(known, random);
-    const Calibration found = calibrationOf(known, truth, noise, random, rig % 10 == 0);
-    // Where neither stiffness is told alone, the calibration is refused.
-    if (noise == kDullNoise && found.status == CalibrationStatus::kNotIdentifiable) continue;
-    ASSERT_EQ(found.status, CalibrationStatus::kCalibrated) << rig << ": " << found.reason;
-    // Where the data tell no combination, there is none.
-    if (noise == kDullNoise && found.combinations.empty()) continue;
+    const Pressures pressures = randomPressures(known, kCaptures, random);
+    const Calibration found =
+        calibrated({twists(known, truth, pressures, kSharpNoise, kSharpNoise, random)}, options);
     ASSERT_EQ(found.combinations.size(), 2u) << rig;
-    ++told;
     const Combination &well = found.combinations[0], &badly = found.combinations[1];
     EXPECT_TRUE(well.identifiable) << rig;
-    EXPECT_LE(well.relative_error, badly.relative_error) << rig;
     EXPECT_GT(well.powers[1].exponent, 0) << rig;
     EXPECT_LT(badly.powers[1].exponent, 0) << rig;
     EXPECT_NEAR(std::hypot(well.powers[0].exponent, well.powers[1].exponent), 1, 1e-12);
@@ -277,16 +256,11 @@ TEST_P(CombinationOfATiltedArm, IsFoundWithinItsErrors) {
     bad_covered += std::abs(logError(badly, truth)) < 2 * badly.relative_error;
     const double single = std::min(relativeErrorOf(parameter(found, "K_gamma")),
                                    relativeErrorOf(parameter(found, "K_kappa")));
-    gains.push_back(single / well.relative_error);
+    EXPECT_GE(single, 3 * well.relative_error) << rig;
   }
-  std::sort(gains.begin(), gains.end());
-  EXPECT_GE(told, test::isFullSize() ? 0.8 * kRigs : test::leastOf(kRigs, 0.9));
-  const double least = test::isFullSize() ? 0.93 * told : test::leastOf(told, 0.9545);
+  const double least = test::isFullSize() ? 0.93 * kRigs : test::leastOf(kRigs, 0.9545);
   EXPECT_GE(covered, least);
   EXPECT_GE(bad_covered, least);
-  if (noise == kSharpNoise) {
-    EXPECT_GE(gains.front(), 3);
-  }
 }
 
 }  // namespace

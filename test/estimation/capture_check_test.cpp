@@ -63,17 +63,6 @@ TEST_F(CaptureCheckTest, OfAThousandSoundSetsNoneHasACaptureApart) {
   std::printf("sound captures named: %d of %d\n", wrong, 1000 * kCaptures);
 }
 
-TEST(CaptureCheck, FewCapturesOrResidualsTellNothing) {
-  std::vector<std::optional<CaptureScatter>> captures(3, CaptureScatter{0.01, 15, 21});
-  captures.push_back(CaptureScatter{0.09, 15, 21});
-  EXPECT_FALSE(checkCaptures(captures).usual);
-  EXPECT_FALSE(checkCaptures(captures).apart[3]);
-  captures.resize(8, CaptureScatter{0.01, 15, 21});
-  captures.push_back(CaptureScatter{0.09, 1, 7});
-  EXPECT_TRUE(checkCaptures(captures).apart[3]);
-  EXPECT_FALSE(checkCaptures(captures).apart[8]);
-}
-
 TEST_F(CaptureCheckTest, ATornCaptureIsNamed) {
   options_.position_noise = 0.04;  // so wide that no tag counts as wrong
   for (int set = 0; set < 20; ++set) {

@@ -159,16 +159,13 @@ TEST(ContractionFit, WhatTheDataDoNotAllowHasAReason) {
     samples[3] = sample;
     return samples;
   };
-  Samples flat = sound, late = sound;
+  Samples flat = sound;
   for (LengthSample& sample : flat) sample.length = 0.4;
-  for (LengthSample& sample : late) sample.pressure += 100e3;
   const Case cases[] = {
       {{sound.begin(), sound.begin() + 5},
        {},
        "distinct pressures: 5; expected at least 6 for a quintic: measure at more, or fit a table"},
       {with({nan, 0.4}), {}, "sample 4: the pressure is nan"},
-      {with({100e3, 0}), {}, "sample 4: the length is 0 m"},
-      {late, {}, "the smallest pressure is 100000 Pa"},
       {flat, {}, "neither rise nor fall"},
   };
   for (const Case& c : cases) {

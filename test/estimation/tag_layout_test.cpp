@@ -56,13 +56,6 @@ TEST(TagLayout, BleedShrinksTheBorder) {
   EXPECT_TRUE(corners(0, 0) < 0 && corners(1, 0) < 0 && corners(0, 2) > 0 && corners(1, 2) > 0);
 }
 
-TEST(TagLayout, TheBaseTagIsTheFirstAlongTheArm) {
-  TagLayout layout;
-  EXPECT_EQ(layout.baseTag(), -1);
-  layout.tags = {{3, 1, 0.1, {}}, {8, 0, 0.5, {}}, {7, 0, 0.5, {}}, {1, 0, 0.9, {}}};
-  EXPECT_EQ(layout.baseTag(), 2);
-}
-
 TEST(TagLayout, ATagThatIsMovedTurnsAboutItsCentre) {
   const double length = 0.4;
   model::Twists rest = model::Twists::Zero(6, 1);
@@ -138,12 +131,6 @@ TEST(Camera, DirectionAndPixelUndoEachOther) {
     worst = std::max(worst, (camera.pixelOf(*direction) - pixel).norm());
   }
   EXPECT_LT(worst, 1e-9);
-}
-
-TEST(Camera, SeesNothingBehindItself) {
-  const Camera camera = test::sampleCamera();
-  EXPECT_FALSE(camera.project({0.1, 0.1, -1}));
-  EXPECT_FALSE(camera.project({0.1, 0.1, 0}));
 }
 
 TEST(Camera, SeesNothingWhereTheDistortionFoldsBack) {

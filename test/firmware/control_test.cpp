@@ -54,8 +54,6 @@ TEST_P(BoardLoop, PressuresFollowTheirSetPoints) {
   std::printf(
       "[  FIGURE  ] %s: steady error %.1f kPa, overshoot %.1f kPa, within 5 kPa after %.2f s\n",
       GetParam().name().c_str(), worst.steady_error / 1e3, worst.overshoot / 1e3, worst.time);
-  RecordProperty("steady_error_pa", std::to_string(worst.steady_error));
-  RecordProperty("overshoot_pa", std::to_string(worst.overshoot));
 }
 
 INSTANTIATE_TEST_SUITE_P(, BoardLoop, testing::ValuesIn(drawnBoards()), nameOfKind);

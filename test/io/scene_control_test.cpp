@@ -9,9 +9,7 @@
 #include "basics/pi.hpp"
 #include "io/scene/scene_readers.hpp"
 #include "scene_faults.hpp"
-#include "support/modbus_profiles.hpp"
 #include "support/refusal.hpp"
-#include "support/serial_profiles.hpp"
 #include "support/temporary_folder.hpp"
 
 namespace helix_arm::io {
@@ -166,7 +164,7 @@ void expectFaultsOf(const std::string& kind, const std::string& text) {
   test::expectFaults(kind, text, faults, "f");
 }
 
-// Except for times, which are longer in tests of drivers, and for the size of a device.
+// Except for times and for the size of a device.
 auto membersOf(const SerialProfile& p) {
   return std::tie(p.baud, p.terminator, p.pascals, p.atmosphere, p.unit_word, p.decimals,
                   p.separator, p.reply_separator, p.one_by_one, p.start, p.unit_query, p.unit_reply,
@@ -239,20 +237,6 @@ TEST(SerialProfileReader, EveryKeyIsRead) {
   EXPECT_EQ(profile.channels, 12);
 }
 
-TEST(SerialProfileReader, TheShippedProfilesAreThoseOfTheDriverTests) {
-  for (const SerialProfile& expected :
-       {test::alicatProfile(), test::ctrlPProfile(), test::genericProfile()}) {
-    const auto profile = std::get<SerialProfile>(loadRegulatorProfile(expected.name));
-    EXPECT_EQ(profile.name, expected.name);
-    EXPECT_EQ(membersOf(profile), membersOf(expected)) << expected.name;
-    // On a busy machine a line may be late: the tests' own do without.
-    EXPECT_EQ(profile.watchdog, expected.name == "generic" ? 0.5 : expected.watchdog);
-    EXPECT_TRUE(std::isinf(expected.watchdog));
-    EXPECT_EQ(std::isinf(profile.highestPressure()), expected.name != "generic");
-    EXPECT_EQ(profile.channels.has_value(), expected.name != "ctrl_p");
-  }
-}
-
 TEST(SerialProfileReader, BreakingARuleIsReported) { expectFaultsOf("serial_profile", kSerial); }
 
 TEST(ModbusProfileReader, EveryKeyIsRead) {
@@ -269,19 +253,6 @@ TEST(ModbusProfileReader, EveryKeyIsRead) {
 
 TEST(ModbusProfileReader, EachBrokenRuleIsAFaultWithItsLine) {
   expectFaultsOf("modbus_profile", kModbus);
-}
-
-TEST(ModbusProfileReader, TheShippedOnesAreThoseOfTheDriverTests) {
-  for (const ModbusProfile& expected : {test::vtemProfile(), test::mpaProfile()}) {
-    const auto profile = std::get<ModbusProfile>(loadRegulatorProfile(expected.name));
-    EXPECT_EQ(profile.name, expected.name);
-    EXPECT_EQ(membersOf(profile), membersOf(expected)) << expected.name;
-    EXPECT_EQ(profile.timeout, 0.1);
-    ASSERT_EQ(profile.app.has_value(), expected.app.has_value());
-    if (!profile.app) continue;
-    EXPECT_EQ(membersOf(*profile.app), membersOf(*expected.app));
-    EXPECT_EQ(profile.app->activation_time, 2);
-  }
 }
 
 }  // namespace

@@ -206,13 +206,15 @@ TEST(AsciiSerialWatchdog, ADeviceThatMayHaveVentedIsNotFedAgain) {
   EXPECT_EQ(failureOf([&] { driver->write(regulate(set_point)); }).text, "");
 }
 
-const SerialProfile kProfiles[] = {test::alicatProfile(),
-                                   test::ctrlPProfile(),
-                                   test::genericProfile(),
-                                   test::togetherProfile(),
-                                   test::withChecksums(test::genericProfile()),
-                                   test::withChecksums(test::ctrlPProfile())};
-INSTANTIATE_TEST_SUITE_P(Each, AsciiSerialProfiles, testing::ValuesIn(kProfiles), nameOfProfile);
+std::vector<SerialProfile> profiles() {
+  return {test::alicatProfile(),
+          test::ctrlPProfile(),
+          test::genericProfile(),
+          test::togetherProfile(),
+          test::withChecksums(test::genericProfile()),
+          test::withChecksums(test::ctrlPProfile())};
+}
+INSTANTIATE_TEST_SUITE_P(Each, AsciiSerialProfiles, testing::ValuesIn(profiles()), nameOfProfile);
 
 // It takes numbers in its own unit and echoes them, so no answer to a set point shows the fault.
 TEST(AsciiSerialDriver, ADeviceWithAnotherUnitIsRefusedBeforeItsFirstSetPoint) {

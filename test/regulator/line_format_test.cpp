@@ -5,8 +5,8 @@
 
 #include <gtest/gtest.h>
 
+#include "helix_arm/regulator/config.hpp"
 #include "support/refusal.hpp"
-#include "support/serial_profiles.hpp"
 
 namespace helix_arm::regulator {
 namespace {

@@ -25,7 +25,6 @@ constexpr double kCommandTimeout = 0.5;  // of simulated_rig
 void tellFigure(const char* what, double since) {
   const double after = regulator::steadyNow() - since;
   std::printf("[  FIGURE  ] %s: the regulator vents after %.0f ms\n", what, 1e3 * after);
-  ::testing::Test::RecordProperty("vents_after_ms", std::to_string(std::lround(1e3 * after)));
 }
 
 class DeadParts : public ::testing::TestWithParam<Line> {

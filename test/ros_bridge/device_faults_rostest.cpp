@@ -45,9 +45,6 @@ class FaultMatrix : public ::testing::Test {
                    double to_vent, const char* note = "") {
     std::printf("[  FIGURE  ] %s: %s after %.0f ms, the device vents after %.0f ms%s\n",
                 what.c_str(), cause.c_str(), 1e3 * to_fault, 1e3 * to_vent, note);
-    RecordProperty("cause", cause);
-    RecordProperty("fault_after_ms", std::to_string(std::lround(1e3 * to_fault)));
-    RecordProperty("vents_after_ms", std::to_string(std::lround(1e3 * to_vent)));
   }
 
   HardwareRig& rig_;

@@ -10,7 +10,6 @@
 namespace helix_arm::ros_bridge {
 namespace {
 
-
 const estimation::Camera kCamera{
     640, 480, 600.5, 599.5, 320.25, 239.75, {0.1, -0.2, 0.001, -0.002, 0.05, 0, 0, 0}};
 
@@ -83,22 +82,13 @@ TEST(CameraInfo, AnInvalidCalibrationIsRefused) {
     const char* word;
     void (*spoil)(Info& info);
   } kRows[] = {
-      {"K = 0", [](Info& i) { i.K.fill(0); }},
       {"not calibrated", [](Info& i) { i = {}; }},
-      {"is not valid", [](Info& i) { i.K[0] = -600; }},
       {"'equidistant'", [](Info& i) { i.distortion_model = "equidistant"; }},
-      {"14 coefficients",
-       [](Info& i) {
-         i.D.assign(14, 0.1);
-         i.distortion_model = "rational_polynomial";
-       }},
-      {"skew", [](Info& i) { i.K[1] = 12; }},
       {"K transposed",
        [](Info& i) {
          std::swap(i.K[2], i.K[6]);
          std::swap(i.K[5], i.K[7]);
        }},
-      {"far from the centre", [](Info& i) { i.K[2] = 0.24 * i.width; }},
       {"binning", [](Info& i) { i.binning_x = 2; }},
       {"region", [](Info& i) { i.roi.x_offset = 10; }},
   };

@@ -3,17 +3,13 @@
 // nodes publish, where it is simulated. Each node is then started again and has to work as before.
 // Prints a row per node; exits with 1 if a promise was broken.
 #include <csignal>
-#include <future>
 #include <set>
 
 #include <CLI/CLI.hpp>
 #include <actionlib/client/simple_action_client.h>
 
 #include "helix_arm/LoopStatus.h"
-#include "helix_arm/RecordSample.h"
-#include "helix_arm/Reload.h"
 #include "helix_arm/RunCalibrationAction.h"
-#include "helix_arm/Save.h"
 #include "ros_bridge/common/client_watch.hpp"
 #include "support/hardware_rig.hpp"
 #include "support/random.hpp"
@@ -77,35 +73,6 @@ class OnALine {
     const double begin = regulator::steadyNow();
     rig.node.signal(SIGKILL);
     return vents(rig, begin, 0);
-  }
-
-  // During a reload of a scene with another response, of many that follow each other.
-  double commandNodeInReload(Random& random) {
-    HardwareRig rig(device_, name_,
-                    {"_scene_folder:=" + std::filesystem::temp_directory_path().string()});
-    if (!rig.bringTo(pressures(random))) broken("not enabled: " + rig.node.outputNow());
-    std::atomic<int> taken{0};
-    const auto caller = std::async(std::launch::async, [&] {  // ends with the node
-      const std::string own = contentOf(device_.scene());
-      for (int k = 1;; ++k) {
-        std::string text = own;
-        text.insert(
-            text.find("    table:"),
-            "    response: {play_kpa: [" + std::to_string(1 + k % 9) + "], play_weight: [0.5]}\n");
-        const TemporaryFile scene(text, ".yaml");
-        Reload reload;
-        reload.request.scene = scene.path();
-        if (!ros::service::call("/" + name_ + "/pressure_command/reload", reload)) return;
-        if (reload.response.success) ++taken;
-      }
-    });
-    const bool took = waitFor([&] { return taken > 0; });
-    spin(random.uniform(0, 0.3));
-    const double begin = regulator::steadyNow();
-    rig.node.signal(SIGKILL);
-    const double after = vents(rig, begin, 0);
-    if (!took) broken("no reload was taken: " + rig.node.outputNow());
-    return after;
   }
 
   double guard(Random& random) {
@@ -258,38 +225,6 @@ class InTheDemo {
     return after;
   }
 
-  /// During a save, of many that follow each other: the file is the old one or the new one.
-  double save(Random& random) {
-    const std::string service = "/demo/calibration/";
-    RecordSample record;
-    const auto recorded = [&] {
-      spin(0.1);
-      return ros::service::call(service + names::kRecordSample, record) && record.response.success;
-    };
-    const bool sampled =
-        waitFor([this] { return !isIn(safety_, "enabled"); }) && waitFor(recorded, 40);
-    if (!sampled) broken("no sample: " + record.response.message);
-    Save first;
-    first.request.path = folder_ / ("samples_" + std::to_string(++saves_) + ".csv");
-    const bool saved = ros::service::call(service + names::kSave, first) && first.response.success;
-    if (!saved) broken("not saved: " + first.response.message);
-    const std::string whole = contentOf(first.request.path);
-    const auto caller = std::async(std::launch::async, [&] {  // ends with the node
-      Save again = first;
-      while (ros::service::call(service + names::kSave, again)) continue;
-    });
-    spin(random.uniform(0, 0.3));
-    processes_.at("calibration")->signal(SIGKILL);
-    caller.wait();
-    const std::string left = contentOf(first.request.path);
-    start("calibration");
-    // The first line has the time of the save.
-    if (left.substr(left.find('\n')) != whole.substr(whole.find('\n')))
-      broken(std::to_string(left.size()) + " bytes are left of " + std::to_string(whole.size()) +
-             ": " + left.substr(0, 80));
-    return 0;
-  }
-
  private:
   static std::map<std::string, std::vector<std::string>> commands() {
     const std::string folder = std::filesystem::temp_directory_path().string();
@@ -351,8 +286,6 @@ class InTheDemo {
            (loop_.all().empty() ? "silent" : loop_.last().state + ": " + loop_.last().message);
   }
 
-  TemporaryFolder folder_;
-  int saves_ = 0;
   ros::NodeHandle node_;
   Inbox<PressureArray> measured_;
   ros::Publisher tip_target_;
@@ -396,7 +329,6 @@ int killsOnALine(Line line, const std::string& name, const Options& options) {
   using Method = double (OnALine::*)(Random&);
   const std::pair<const char*, Method> rows[] = {
       {"pressure_command", &OnALine::commandNode},
-      {"pressure_command in a reload", &OnALine::commandNodeInReload},
       {"visual_servo with a goal", &OnALine::loopOfAGoal},
       {"client of a goal (follow_path)", &OnALine::clientOfAGoal},
       {"guard", &OnALine::guard},
@@ -426,7 +358,6 @@ int killsInTheDemo(const Options& options) {
     add(watcher, [&, watcher](Random& random) { return demo->watcher(watcher, random); });
   }
   add("calibration in a run", [&](Random& random) { return demo->calibrationRun(random); });
-  add("calibration in a save", [&](Random& random) { return demo->save(random); });
   return out;
 }
 

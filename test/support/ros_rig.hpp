@@ -43,7 +43,6 @@ class Inbox {
 
   const std::vector<typename Message::ConstPtr>& all() const { return messages_; }
   const Message& last() const { return *messages_.back(); }
-  std::uint32_t publishers() const { return subscriber_.getNumPublishers(); }
 
   /// Waits for a message that came after this call and for which the predicate holds; null when
   /// none did.

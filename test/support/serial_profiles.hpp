@@ -1,8 +1,10 @@
 #pragma once
 
+#include <limits>
 #include <ostream>
+#include <variant>
 
-#include "helix_arm/regulator/config.hpp"
+#include "io/scene/regulator_profile.hpp"
 
 namespace helix_arm::regulator {
 
@@ -16,58 +18,19 @@ namespace helix_arm::test {
 /// Such that a busy machine is not taken for a silent device [s].
 inline constexpr double kSerialTimeout = 0.2;
 
-/// As config/regulators/alicat.yaml, except for the timeout; the same holds for the others.
-inline regulator::SerialProfile alicatProfile() {
-  regulator::SerialProfile profile;
-  profile.name = "alicat";
-  profile.baud = 19200;
-  profile.terminator = "\r";
-  profile.pascals = 6894.757293168;
-  profile.unit_word = "PSIG";
-  profile.unit_query = "{address}LS";
-  profile.unit_reply = "{address} {*} {*} {*} {unit}";
-  profile.write = "{address}S{pressure}";
-  profile.write_reply = "{address} {pressure} {set_point}{words}";
-  profile.read = "{address}";
-  profile.reply = profile.write_reply;
-  profile.vent = {"{address}C", "{address}S0.00"};
-  profile.close = {"{address}HC"};
-  profile.resume = {"{address}C"};
-  profile.vent_reply = profile.write_reply;
+/// A shipped profile without the device's watchdog, which a busy machine would meet.
+inline regulator::SerialProfile shippedSerial(const std::string& name) {
+  auto profile = std::get<regulator::SerialProfile>(io::loadRegulatorProfile(name));
   profile.timeout = kSerialTimeout;
+  profile.watchdog = std::numeric_limits<double>::infinity();
   return profile;
 }
 
-/// As config/regulators/ctrl_p.yaml.
+inline regulator::SerialProfile alicatProfile() { return shippedSerial("alicat"); }
+inline regulator::SerialProfile genericProfile() { return shippedSerial("generic"); }
 inline regulator::SerialProfile ctrlPProfile() {
-  regulator::SerialProfile profile;
-  profile.name = "ctrl_p";
-  profile.one_by_one = false;
-  profile.reply_separator = "\t";
-  profile.start = {"echo;0", "units;1;1", "time;20", "chan;1", "on"};
-  profile.write = "set;0;{pressures}";
-  profile.reply = "{*}\t1\t{pressures}";
-  profile.supply_line = "{*}\t2\t{supply}";
-  profile.skip = {"{*}\t0\t{...}", "_{...}"};
-  profile.vent = {"valve;-1", "mode;0"};
-  profile.resume = {"mode;1"};
+  regulator::SerialProfile profile = shippedSerial("ctrl_p");
   profile.timeout = 2.5 * kSerialTimeout;  // a busy machine keeps back what it says by itself
-  return profile;
-}
-
-/// As config/regulators/generic.yaml.
-inline regulator::SerialProfile genericProfile() {
-  regulator::SerialProfile profile;
-  profile.name = "generic";
-  profile.unit_word = "kPa";
-  profile.write = "p{address}={pressure}";
-  profile.write_reply = "p{address}={pressure} {unit}";
-  profile.read = "p{address}?";
-  profile.reply = profile.write_reply;
-  profile.vent = {"p{address}=vent"};
-  profile.close = {"p{address}=close"};
-  profile.vent_reply = profile.write_reply;
-  profile.timeout = kSerialTimeout;
   return profile;
 }
 
