@@ -240,5 +240,23 @@ class WorkspaceTest(unittest.TestCase):
         np.testing.assert_array_equal(again.tips, found.tips[:20_000])
         self.assertGreater(np.abs(scene.workspace(10, seed=4).tips - found.tips[:10]).max(), 1e-3)
 
+    def test_extremes_are_beyond_its_tips(self):
+        scene = helix_arm.Scene.load("helical_50")
+        found = scene.workspace(1000, sensitivity=True, extremes=True)
+        self.assertEqual(found.moved_per_kpa_m.shape, (1000,))
+        np.testing.assert_allclose(scene.tips(found.extreme_pressures_pa), found.extreme_tips, atol=1e-12)
+        self.assertTrue((found.extreme_tips[[3, 4, 5], [0, 1, 2]] >= found.tips.max(axis=0)).all())
+
+
+class CurveTest(unittest.TestCase):
+    def test_ends_at_base_and_tip(self):
+        for name in ["helical_50", "loaded"]:
+            scene = helix_arm.Scene.load(name)
+            p = pressures_of(scene, 3)
+            curve, ends = scene.curve(p, points=11), scene.forward(p)
+            np.testing.assert_allclose(curve.positions[:, 0], 0, atol=1e-15)
+            np.testing.assert_allclose(curve.positions[:, -1], ends.tips, atol=1e-12)
+            np.testing.assert_allclose(curve.quaternions_xyzw[:, -1], ends.quaternions_xyzw, atol=1e-12)
+
 if __name__ == "__main__":
     unittest.main()

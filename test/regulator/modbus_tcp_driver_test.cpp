@@ -98,6 +98,20 @@ TEST(ModbusTcpDriver, VtemHasACommandAndTwoSetPointsASlot) {
   EXPECT_EQ(raw.read(40003, 9), (Words{195, 0, 0, 0, 0, 0, 195, 0, 0}));
 }
 
+// It has one set point a regulator and no valves: what is to close vents.
+TEST(ModbusTcpDriver, MpaRegulatesVentsAndClosesByItsSetPoints) {
+  Connected at(mpaProfile(), 4, {3, 0});
+  ValveOrders orders = regulate({1e5, 25.7e3});
+  at.driver->write(orders);
+  const RawModbus raw(at.device.port());
+  EXPECT_EQ(raw.read(40003, 4), (Words{257, 0, 0, 1000}));
+  orders.valve[0] = Valve::kClose;
+  at.driver->write(orders);
+  EXPECT_EQ(raw.read(40003, 4), (Words{257, 0, 0, 0}));
+  at.driver->vent();
+  EXPECT_EQ(raw.read(40003, 4), (Words{0, 0, 0, 0}));
+}
+
 TEST(ModbusTcpDriver, ReadsWhatTheDeviceReachesInTheArmsOrder) {
   for (const ModbusProfile& profile : {vtemProfile(), mpaProfile()}) {
     Connected at(profile, 6, {5, 0, 2});

@@ -6,14 +6,18 @@
 #include <geometry_msgs/PoseStamped.h>
 #include <gtest/gtest.h>
 #include <rosbag/bag.h>
+#include <sys/wait.h>
 
 #include "helix_arm/PressureArray.h"
 #include "helix_arm/TagDetections.h"
 #include "helix_arm/io/scene.hpp"
 #include "ros_bridge/common/conversions.hpp"
+#include "support/random.hpp"
+#include "support/refusal.hpp"
 #include "support/shipped_scene.hpp"
 #include "support/temporary_file.hpp"
 #include "support/temporary_folder.hpp"
+#include "support/test_size.hpp"
 
 namespace helix_arm::ros_bridge {
 namespace {
@@ -157,6 +161,27 @@ TEST(BagCaptures, PosesOfAMotionCaptureSystemAreTakenFromItsOwnTopics) {
   }
   ASSERT_FALSE(data.warnings.empty());
   EXPECT_NE(data.warnings[0].find("40.0"), std::string::npos) << data.warnings[0];
+}
+
+// A node loads recordings beside an arm: no damage ends it, or leaves a process behind.
+TEST(DamagedBags, NeverEndWhoLoadsThem) {
+  const test::TemporaryFolder folder;
+  Recording recording(folder / "sound.bag");
+  recording.play({0, 0, 0}, 3, true);
+  const std::string sound = test::contentOf(recording.close()), path = folder / "damaged.bag";
+  test::Random random(19);
+  int refused = 0;
+  for (int i = 0; i < test::draws(6, 100); ++i) {
+    std::string bytes = sound;
+    if (i % 2 == 0) bytes.resize(random.integer(6000, static_cast<int>(sound.size()) - 1));
+    for (int k = 0; k < 20; ++k) {
+      bytes[random.integer(0, 5999)] = static_cast<char>(random.integer(0, 255));
+    }
+    std::ofstream(path, std::ios::binary) << bytes;
+    refused += test::refusal<io::DocumentError>([&] { loadBag(path, demo(), {}); }) != "accepted";
+  }
+  EXPECT_GT(refused, 0);
+  EXPECT_EQ(waitpid(-1, nullptr, WNOHANG), -1);
 }
 
 }  // namespace

@@ -6,7 +6,8 @@ import sys
 
 import rospy
 import rostest
-from geometry_msgs.msg import PoseStamped, Quaternion
+from geometry_msgs.msg import PoseStamped, Quaternion, TransformStamped
+from tf2_msgs.msg import TFMessage
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", "support"))
 from helix_arm.msg import ArmShape, TagDetections, VisionStatus  # noqa: E402
@@ -79,6 +80,17 @@ class Poses(RosCase):
         seen = self.status.next(lambda one: one.state == VisionStatus.MEASURED and "not seen: middle" in one.message)
         self.assertTrue(seen, self.status[-1:])
         self.assertGreater(self.status[-1].bad_poses, 0)
+
+    def test_takes_frames_of_tf(self):
+        tf = rospy.Publisher("/tf", TFMessage, queue_size=50)
+
+        def send(name, pose):
+            out = TransformStamped(header=pose.header, child_frame_id="body_" + name)
+            out.transform.translation, out.transform.rotation = pose.pose.position, pose.pose.orientation
+            tf.publish([out])
+
+        self.change = send
+        self.see("_tf:=true", "_topics:=body_NAME")
 
 
 if __name__ == "__main__":
