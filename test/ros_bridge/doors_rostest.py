@@ -6,17 +6,14 @@ import sys
 import threading
 
 import numpy as np
-import rospy
 import rostest
-from geometry_msgs.msg import Vector3, Wrench, WrenchStamped
 from sensor_msgs.msg import PointCloud2
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", "support"))
 from calibration_rig import CalibrationRig  # noqa: E402
 from helix_arm import Scene  # noqa: E402
-from helix_arm.msg import ArmShape, TargetStatus  # noqa: E402
+from helix_arm.msg import TargetStatus  # noqa: E402
 from helix_arm.srv import Calibrate, ClearSamples, FitContraction, Forward, Inverse, Payload, RecordSample  # noqa: E402
-from loop_rig import place  # noqa: E402
 
 DEMO = Scene.load("demo")
 PRESSURES = np.array([[1e5, 0, 2e5], [3e5, 1e5, 0]])
@@ -68,13 +65,6 @@ class Doors(CalibrationRig):
         fitted = self.ask("fit_contraction", FitContraction, data=self.path("lengths.csv"), out=self.path("curve.yaml"))
         self.assertLess(fitted.rms, 1e-4)
         self.assertNotEqual(Scene.load(fitted.out).tips([0, 0, 0])[0], DEMO.tips([0, 0, 0])[0])
-
-    def test_a_force_on_the_rig_moves_its_tip(self):
-        truth, publisher = self.inbox("truth", ArmShape), rospy.Publisher("simulated_rig/tip_force", WrenchStamped, queue_size=10)
-        self.assert_wait(lambda: truth and publisher.get_num_connections() > 0)
-        free, force = place(truth[-1].tip.position), np.array([0, 0.3, -0.2])
-        publisher.publish(WrenchStamped(wrench=Wrench(force=Vector3(*force))))
-        self.assertTrue(truth.next(lambda one: force @ (place(one.tip.position) - free) > 3e-4))
 
     def test_a_cloud_holds_the_tips_of_a_workspace(self):
         clouds = self.inbox("workspace", PointCloud2)

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""Paths of the tip: goals of follow_tip_path and how they end."""
+"""Paths of the tip: goals of follow_tip_path and how they end, and the node that sends a path file."""
+import csv
 import math
 import os
 import sys
@@ -117,6 +118,18 @@ class FollowTipPath(LoopRig):
         self.assert_comes_to(LoopStatus.IDLE)
         self.send(goal_along([MIDDLE, BESIDE], 1.0))
         self.assert_ends(FollowTipPathResult.NOT_ENABLED, "enable")
+
+    def test_a_path_file_is_followed_and_leaves_a_record_and_its_figure(self):
+        record, figure = self.path("run.csv"), self.path("run.png")
+        with open(self.path("path.csv"), "w") as file:
+            file.write("time_s,x_m,y_m,z_m\n" + "".join("%d,0.366,%g,0.0088\n" % (k, 0.0035 + 0.0075 * k) for k in range(3)))
+        run = self.run_node("follow_path", "_path:=" + self.path("path.csv"), "_goal_tolerance_mm:=5", "_hold_s:=0.1",
+                            "_record:=" + record, "_figure:=" + figure)
+        self.assertEqual(run.code(120), 0, run.output())
+        with open(record) as file:
+            rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
+        self.assertLess(abs(float(rows[-1]["wanted_y_m"]) - MIDDLE[1] - 0.015), 1e-3)
+        self.assertTrue(os.path.exists(figure))
 
 
 if __name__ == "__main__":

@@ -84,6 +84,15 @@ class NodeProcess(Case):
         for process in nodes.values():
             self.assert_ends(process, 1, "is gone")
 
+    def test_a_master_that_forgot_the_node_ends_it(self):
+        process = self.run_node("pressure_command", SCENE)
+        self.assert_prints(process, READY)
+        process.signal(signal.SIGSTOP)  # it is not to see that there is none for a while
+        self.master.stop()
+        self.master.start()
+        process.signal(signal.SIGCONT)
+        self.assert_ends(process, 1, "does not know this node")
+
 class LaunchFiles(Case):
     def run_launch(self, file, arguments, scene):
         launch = self.run_node("", "-p", str(self.master.port), LAUNCH + file, "rviz:=false", *arguments, command=["roslaunch"])

@@ -8,6 +8,7 @@ import sys
 import numpy as np
 import rospy
 import rostest
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Point, PoseStamped, WrenchStamped
 from tf2_msgs.msg import TFMessage
 
@@ -44,6 +45,20 @@ class VisualServo(LoopRig):
         sent = len(self.sent)
         self.assert_wait(lambda: self.safety[-1].cause == "stale_target")
         self.assertEqual(len(self.sent), sent, "it goes on commanding")
+
+    def test_the_tags_of_each_fit_reach_it(self):
+        """Else it would take those that face the camera for those in sight."""
+        diagnostics = Inbox("/diagnostics", DiagnosticArray)
+
+        def counts():
+            loop = [one for array in diagnostics for one in array.status if one.name == "visual_servo: loop"]
+            values = {pair.key: pair.value for pair in loop[-1].values} if loop else {}
+            return float(values.get("accepted", 0)), float(values.get("without_tags", 0))
+
+        self.assert_wait(lambda: counts()[0] > 0)
+        accepted, without = counts()
+        self.assert_wait(lambda: counts()[0] >= accepted + 20, 60)
+        self.assertLess(counts()[1], without + 10)
 
     def test_targets_may_be_seen_from_any_frame_that_tf_relates_to_the_base(self):
         frames = Inbox("/tf_static", TFMessage)
