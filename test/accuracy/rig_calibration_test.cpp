@@ -13,6 +13,7 @@
 
 #include "helix_arm/calibration/calibration.hpp"
 #include "helix_arm/io/scene.hpp"
+#include "helix_arm/io/tag_table.hpp"
 #include "helix_arm/model/arm_response.hpp"
 #include "helix_arm/model/curve.hpp"
 #include "procedures/calibration_job.hpp"
@@ -23,7 +24,6 @@
 #include "simulation/rig.hpp"
 #include "simulation/simulated_vision.hpp"
 #include "support/random.hpp"
-#include "support/rig_captures.hpp"
 #include "support/sample_rig.hpp"
 #include "support/shipped_scene.hpp"
 #include "support/test_size.hpp"
@@ -56,30 +56,65 @@ Rig draw(int number) {
   return rig;
 }
 
-// What is seen of the arm, as the calibration takes it.
+io::TagCornerCapture captureOf(const io::Scene& scene, const procedures::Sample& median,
+                               std::size_t before) {
+  io::TagCornerCapture out{static_cast<int>(before) + 1, scene.arm.clamped(median.pressure), {}};
+  for (const procedures::TagObservation& tag : median.tags) {
+    out.tags.push_back({tag.id, tag.corners});
+  }
+  return out;
+}
+
+// What a camera sees of the arm at rest at each pressure of the plan, as the calibration takes it:
+// the median of a few pictures and of many readings.
 std::vector<io::TagCornerCapture> photograph(const io::Scene& scene, const Rig& rig,
                                              bool rendered) {
+  constexpr int kPictures = 3;                      // at each pressure
+  constexpr int kReadings = 100;                    // of the pressures
+  constexpr double kSettling = 3.0, kPause = 0.01;  // [s]
   simulation::CameraSetup setup = scene.cameraSetup().value();
   setup.view = simulation::deviate(scene.view(), scene.arm, rig.mounts);
   setup.config.seed = rig.mounts.seed;
   auto regulator = std::get<regulator::SimulatedRegulatorConfig>(*scene.regulator);
   regulator.seed = rig.mounts.seed;
   simulation::SimulatedRig simulated(scene.arm, regulator, rig.arm, setup);
-  const Eigen::MatrixXd plan = procedures::defaultPressurePlan(scene.arm);
-  if (rendered) return test::photograph(scene, simulated, plan);
+  vision::TagDetector detector(scene.vision.detector);
   estimation::ArmView shrunk = setup.view;
   shrunk.layout.size -= 2 * setup.config.border_shift;
   // The median of three has 0.67 of the deviation of one.
   const double noise = scene.vision.fit.corner_noise / 0.67;
   test::Random random(rig.mounts.seed);
-  return test::photograph(scene, simulated, plan, [&] {
+  const auto look = [&] {
     std::vector<procedures::TagObservation> seen;
+    if (rendered) {
+      for (const vision::TagDetection& tag : detector.detect(simulated.render())) {
+        if (scene.tags->find(tag.id) >= 0) seen.push_back({tag.id, tag.corners});
+      }
+      return seen;
+    }
     for (const estimation::TagImage& tag : estimation::visibleTags(shrunk, simulated.shape())) {
       seen.push_back({scene.tags->tags[static_cast<std::size_t>(tag.tag)].id, tag.corners});
       for (double& value : seen.back().corners.reshaped()) value += noise * random.normal();
     }
     return seen;
-  });
+  };
+  std::vector<io::TagCornerCapture> captures;
+  const Eigen::MatrixXd plan = procedures::defaultPressurePlan(scene.arm);
+  for (int step = 0; step < plan.rows(); ++step) {
+    simulated.command(plan.row(step).transpose());
+    simulated.step(kSettling);
+    std::vector<procedures::Sample> samples;
+    for (int picture = 0; picture < kPictures; ++picture) {
+      Eigen::VectorXd pressure = Eigen::VectorXd::Zero(plan.cols());
+      for (int i = 0; i < kReadings; ++i) {
+        pressure += simulated.measure() / kReadings;
+        simulated.step(kPause);
+      }
+      samples.push_back({0, pressure, look()});
+    }
+    captures.push_back(captureOf(scene, procedures::medianOf(samples), captures.size()));
+  }
+  return captures;
 }
 
 // What a calibration should find, by its names.
@@ -301,11 +336,8 @@ Recorded record(const io::Scene& scene, bool loop) {
     if (captures.size() < kCaptures) continue;
     const procedures::Sample median = medianOf(captures);
     captures.clear();
-    io::TagCornerCapture& sample = samples.emplace_back();
-    sample.number = static_cast<int>(samples.size());
-    sample.pressure = scene.arm.clamped(median.pressure);
-    sample.time = median.time;
-    for (const auto& tag : median.tags) sample.tags.push_back({tag.id, tag.corners});
+    samples.push_back(captureOf(scene, median, samples.size()));
+    samples.back().time = median.time;
     out.tips.push_back(model::tipPose(rig.twists()).translation);
   }
   out.noise = std::sqrt(out.noise / looks);

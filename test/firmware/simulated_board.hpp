@@ -10,7 +10,6 @@
 #include <deque>
 #include <fstream>
 #include <functional>
-#include <iterator>
 #include <map>
 #include <optional>
 #include <ostream>
@@ -28,8 +27,6 @@
 #include <gtest/gtest.h>
 #include <sim_avr.h>
 #include <sim_elf.h>
-
-#include "support/test_size.hpp"
 
 namespace helix_arm::test {
 
@@ -576,19 +573,9 @@ class SimulatedBoard {
 /// For messages of tests.
 inline void PrintTo(const BoardKind& kind, std::ostream* out) { *out << kind.name(); }
 
-/// Every build of the firmware.
-inline const BoardKind kBoardKinds[] = {{"atmega328p", "solenoid"},
-                                        {"atmega328p", "proportional"},
-                                        {"atmega2560", "solenoid"},
-                                        {"atmega2560", "proportional"}};
 /// Each chip and each kind of valve once.
-inline const BoardKind kEachPart[] = {kBoardKinds[0], kBoardKinds[3]};
-/// Every build in full size, by default each part once.
-inline std::vector<BoardKind> drawnBoards() {
-  if (!isFullSize()) return {std::begin(kEachPart), std::end(kEachPart)};
-  return {std::begin(kBoardKinds), std::end(kBoardKinds)};
-}
-inline const BoardKind kSmallBoard = kBoardKinds[0];
+inline const BoardKind kEachPart[] = {{"atmega328p", "solenoid"}, {"atmega2560", "proportional"}};
+inline const BoardKind kSmallBoard = kEachPart[0];
 /// A build for fewer channels than the chip has.
 inline const BoardKind kFiveChannels = {"atmega2560", "solenoid", 5};
 /// A build that refuses lines without a checksum from the start.

@@ -233,21 +233,6 @@ TEST_F(Io, FewBadRepliesAreCountedAndManyEndTheLink) {
   ASSERT_TRUE(eventually([&] { return io_.up(); }));
 }
 
-TEST(RegulatorIo, VentsAndClosesAtItsEnd) {
-  ScriptedDevice device(kChannels);
-  {
-    RegulatorIo io(std::make_unique<ScriptedDriver>(device), kChannels, briskRules());
-    ASSERT_TRUE(eventually([&] {
-      io.order(ordersOf(3e4, 4e4), 0);
-      return device.taken().valve[0] == Valve::kRegulate;
-    }));
-    EXPECT_TRUE(io.end());
-  }
-  EXPECT_EQ(device.taken().valve, std::vector<Valve>(kChannels, Valve::kVent));
-  EXPECT_EQ(device.vents, 1);
-  EXPECT_EQ(device.closings, 1);
-}
-
 TEST(RegulatorIo, OrderingAndTakingDoNotAllocate) {
   ScriptedDevice device(kChannels);
   device.refuses = true;  // the thread of the line is asleep, or nearly

@@ -295,20 +295,12 @@ class InTheDemo {
   std::map<std::string, std::unique_ptr<Process>> processes_;
 };
 
-struct Options {
-  int moments = 50;
-  unsigned seed = 1;
-  std::string only;
-};
-
 /// Kills at so many moments and prints the row. Returns how many promises were broken.
-int row(const std::string& name, const Options& options,
-        const std::function<double(Random&)>& killOnce) {
-  if (name.find(options.only) == std::string::npos) return 0;
-  Random random(options.seed);
+int row(const std::string& name, int moments, const std::function<double(Random&)>& killOnce) {
+  Random random(1);
   std::vector<double> times;
   std::multiset<std::string> faults;
-  for (int k = 0; k < options.moments && ros::ok(); ++k) {
+  for (int k = 0; k < moments && ros::ok(); ++k) {
     try {
       times.push_back(killOnce(random));
     } catch (const Broken& fault) {
@@ -324,7 +316,7 @@ int row(const std::string& name, const Options& options,
   return static_cast<int>(faults.size());
 }
 
-int killsOnALine(Line line, const std::string& name, const Options& options) {
+int killsOnALine(Line line, const std::string& name, int moments) {
   OnALine arm(line, name);
   using Method = double (OnALine::*)(Random&);
   const std::pair<const char*, Method> rows[] = {
@@ -335,17 +327,17 @@ int killsOnALine(Line line, const std::string& name, const Options& options) {
       {"pressure_series", &OnALine::series}};
   int out = 0;
   for (const auto& [words, method] : rows) {
-    out += row(name + ": " + words, options,
+    out += row(name + ": " + words, moments,
                [&, method = method](Random& random) { return (arm.*method)(random); });
   }
   return out;
 }
 
-int killsInTheDemo(const Options& options) {
+int killsInTheDemo(int moments) {
   std::unique_ptr<InTheDemo> demo;
   int out = 0;
   const auto add = [&](const char* words, const std::function<double(Random&)>& killOnce) {
-    out += row(std::string("demo: ") + words, options, [&](Random& random) {
+    out += row(std::string("demo: ") + words, moments, [&](Random& random) {
       if (!demo) demo = std::make_unique<InTheDemo>();
       return killOnce(random);
     });
@@ -366,11 +358,9 @@ int killsInTheDemo(const Options& options) {
 
 int main(int argc, char** argv) {
   using namespace helix_arm::test;
-  Options options;
+  int moments = 50;
   CLI::App app{"Kills every node at random moments and prints a row per node"};
-  app.add_option("--moments", options.moments)->check(CLI::PositiveNumber);
-  app.add_option("--seed", options.seed)->check(CLI::PositiveNumber);
-  app.add_option("--only", options.only, "words of a row");
+  app.add_option("--moments", moments)->check(CLI::PositiveNumber);
   CLI11_PARSE(app, argc, argv);
   const Master master;
   for (const auto& [name, value] : master.variables()) setenv(name.c_str(), value.c_str(), 1);
@@ -378,8 +368,8 @@ int main(int argc, char** argv) {
   ros::init(none, nullptr, "kills", ros::init_options::AnonymousName);
   const ros::NodeHandle started;
   int broken = 0;
-  for (const Line line : kLines) broken += killsOnALine(line, nameOf(line), options);
-  broken += killsInTheDemo(options);
+  for (const Line line : kLines) broken += killsOnALine(line, nameOf(line), moments);
+  broken += killsInTheDemo(moments);
   std::printf("%d promises broken\n", broken);
   return broken > 0 ? 1 : 0;
 }
