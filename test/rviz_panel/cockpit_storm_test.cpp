@@ -66,55 +66,13 @@ class Record {
   std::set<std::string> hanging_;
 };
 
-// A node: its topics and timer in one thread of their own, its services in others, so that a call
-// that hangs holds up nothing else.
-class Node {
- public:
-  explicit Node(Record& record) : record_(record), node_(kArm), calls_node_(kArm) {
-    node_.setCallbackQueue(&queue_);
-    calls_node_.setCallbackQueue(&calls_);
-  }
-
- protected:
-  void start(const std::function<void()>& turn) {
-    timer_ = node_.createSteadyTimer(ros::WallDuration(kPeriod),
-                                     [turn](const ros::SteadyTimerEvent&) { turn(); });
-    spinner_.start();
-    caller_.start();
-  }
-  void end() {
-    timer_.stop();
-    spinner_.stop();
-    for (ros::ServiceServer& server : servers_) server.shutdown();
-    caller_.stop();
-  }
-  template <class Service, class Act>
-  void serve(const std::string& name, const Act& act) {
-    using Request = typename Service::Request;
-    using Response = typename Service::Response;
-    const boost::function<bool(Request&, Response&)> call = [act](Request& request,
-                                                                  Response& response) {
-      act(request, response);
-      return true;
-    };
-    servers_.push_back(calls_node_.advertiseService(name, call));
-  }
-
-  Record& record_;
-  ros::CallbackQueue queue_, calls_;
-  ros::NodeHandle node_, calls_node_;
-
- private:
-  std::vector<ros::ServiceServer> servers_;
-  ros::SteadyTimer timer_;
-  ros::AsyncSpinner spinner_{1, &queue_}, caller_{kThreadsOfCalls, &calls_};
-};
-
-// pressure_command: enables, vents, stops, and takes all pressures while enabled.
-class Arm : public Node {
+// pressure_command: enables, vents, stops, and takes all pressures while enabled. Its topics and
+// timer are in one thread of their own, its services in others, so that a call that hangs holds up
+// nothing else.
+class Arm {
  public:
   explicit Arm(Record& record)
-      : Node(record),
+      : record_(record),
         command_(node_.advertise<PressureArray>(names::kPressureCommand, 10)),
         reading_(node_.advertise<PressureArray>(names::kPressureMeasured, 10)),
         safety_(node_.advertise<SafetyState>(names::kSafetyState, 10, true)),
@@ -134,11 +92,17 @@ class Arm : public Node {
                                answer.success = 1;
                                tell();
                              });
-    start([this] { turn(); });
+    timer_ = node_.createSteadyTimer(ros::WallDuration(kPeriod),
+                                     [this](const ros::SteadyTimerEvent&) { turn(); });
+    spinner_.start();
+    caller_.start();
   }
   ~Arm() {
     record_.goOn();
-    end();
+    timer_.stop();
+    spinner_.stop();
+    for (ros::ServiceServer& server : servers_) server.shutdown();
+    caller_.stop();
   }
 
   std::string state() const {
@@ -155,6 +119,22 @@ class Arm : public Node {
   }
 
  private:
+  static ros::NodeHandle on(ros::CallbackQueue& queue) {
+    ros::NodeHandle node(kArm);
+    node.setCallbackQueue(&queue);
+    return node;
+  }
+  template <class Service, class Act>
+  void serve(const std::string& name, const Act& act) {
+    using Request = typename Service::Request;
+    using Response = typename Service::Response;
+    const boost::function<bool(Request&, Response&)> call = [act](Request& request,
+                                                                  Response& response) {
+      act(request, response);
+      return true;
+    };
+    servers_.push_back(calls_node_.advertiseService(name, call));
+  }
   // @return whether it is followed.
   bool answer() {
     TargetStatus status;
@@ -235,8 +215,14 @@ class Arm : public Node {
   std::string state_ = SafetyState::DISABLED;
   bool stopped_ = false;
   std::vector<double> pressure_ = std::vector<double>(3, 0.0);
+  Record& record_;
+  ros::CallbackQueue queue_, calls_;
+  ros::NodeHandle node_ = on(queue_), calls_node_ = on(calls_);
   ros::Publisher command_, reading_, safety_, status_, model_, diagnostics_;
   ros::Subscriber targets_;
+  std::vector<ros::ServiceServer> servers_;
+  ros::SteadyTimer timer_;
+  ros::AsyncSpinner spinner_{1, &queue_}, caller_{kThreadsOfCalls, &calls_};
 };
 
 class CockpitStorm : public PanelWindow {
