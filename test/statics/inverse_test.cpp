@@ -1,7 +1,6 @@
 #include "helix_arm/statics/inverse.hpp"
 
 #include <cmath>
-#include <cstdio>
 #include <limits>
 
 #include <gtest/gtest.h>
@@ -148,7 +147,6 @@ int failuresToPosition(const model::Arm& arm, int count, unsigned seed,
   const Eigen::VectorXd start = arm.inputAt(0.5);
   test::Random random(seed);
   int failures = 0;
-  long iterations = 0;
   for (int i = 0; i < count; ++i) {
     const Eigen::Vector3d target = arm.tip(test::randomInput(arm, random)).translation;
     const InverseResult& result = solver.toPosition(target, start);
@@ -157,10 +155,7 @@ int failuresToPosition(const model::Arm& arm, int count, unsigned seed,
     EXPECT_NEAR(error, result.position_error, 1e-12);
     if (!(error <= options.position_tolerance) || result.status != InverseStatus::kReached)
       ++failures;
-    iterations += result.iterations;
   }
-  std::printf("%d targets, %d actuators: %d failures, %.2f iterations\n", count,
-              arm.actuatorCount(), failures, static_cast<double>(iterations) / count);
   return failures;
 }
 
