@@ -5,6 +5,7 @@ import signal
 import sys
 
 import numpy as np
+import rospy
 import rostest
 from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import CameraInfo, Image
@@ -13,6 +14,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", "support"))
 from helix_arm.msg import ArmShape, TargetStatus, VisionStatus  # noqa: E402
 from loop_rig import place  # noqa: E402
+from processes import wait_for  # noqa: E402
 from ros_case import CommanderCase  # noqa: E402
 
 
@@ -47,6 +49,25 @@ class Loop(CommanderCase):
                 self.assertTrue(self.info.at(seen.header.stamp))
                 self.assertEqual(truth.tier, "truth")
                 self.assertLess(distance(seen, truth), 0.005)
+
+    def test_a_picture_that_comes_again_while_the_arm_moves_is_not_measured(self):
+        """A camera that hangs, with new stamps."""
+        status, seen = self.inbox("hung/vision_status", VisionStatus), self.inbox("hung/measured", ArmShape)
+        pictures, picture = rospy.Publisher("hung/image", Image, queue_size=2), self.image[-1]
+        self.run_node("vision", "__ns:=hung", "_scene:=demo", "_source:=image", "/hung/model:=/model")
+
+        def shows(condition):
+            picture.header.stamp = rospy.Time.now()
+            pictures.publish(picture)
+            return wait_for(condition, 0.1)
+
+        self.assert_wait(lambda: shows(lambda: len(seen) > 3))  # an arm at rest looks the same
+        self.assertEqual(self.send_pressures([0, 1e5, 3e5]).outcome, TargetStatus.REACHED)
+        self.assert_wait(lambda: shows(lambda: status and "it hangs" in status[-1].message))
+        measured = len(seen)
+        for _ in range(10):
+            shows(lambda: False)
+        self.assertEqual(len(seen), measured)
 
     def test_a_rig_that_ends_is_reported_and_measured_again_after_its_restart(self):
         self.rig.signal(signal.SIGINT)
