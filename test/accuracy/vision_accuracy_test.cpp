@@ -48,7 +48,7 @@ TEST_P(VisionAccuracy, EveryTipIsWhereItsCovarianceSays) {
               GetParam().name, measured, series.pictures.size(), 1e3 * rms, normalised / measured);
   EXPECT_GE(measured, pictures * 17 / 18);
   EXPECT_LT(rms, GetParam().tip_rms);
-  // Of the order of 1: an error may not be much larger than it is said to be.
+  // About 1: an error may not be much larger than it is said to be.
   EXPECT_LT(normalised / measured, 4.0);
 }
 

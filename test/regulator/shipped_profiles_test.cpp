@@ -1,4 +1,4 @@
-// What the shipped serial profiles tell devices, as manuals have it: emulators of the same profiles
+// Lines that the shipped serial profiles say, as manuals have them: emulators of the same profiles
 // would share a mistake.
 #include <string>
 
