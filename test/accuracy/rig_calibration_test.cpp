@@ -65,7 +65,7 @@ io::TagCornerCapture captureOf(const io::Scene& scene, const procedures::Sample&
   return out;
 }
 
-// What a camera sees of the arm at rest at each pressure of the plan, as the calibration takes it:
+// Tags that a camera sees of the arm at rest at each pressure of the plan, as a calibration takes:
 // the median of a few pictures and of many readings.
 std::vector<io::TagCornerCapture> photograph(const io::Scene& scene, const Rig& rig,
                                              bool rendered) {

@@ -1,6 +1,6 @@
-// What a place carries, beside what a laboratory writes with a general optimiser: bounded least
-// squares of Ceres over the lengths, with derivatives by differences. Both answer the same question
-// by the same model; missed_percent is by how much the peer found more.
+// The force that a place carries, beside what a laboratory writes with a general optimiser: bounded
+// least squares of Ceres over the lengths, with derivatives by differences. Both answer the same
+// question by the same model; missed_percent is by how much the peer found more.
 #include <algorithm>
 #include <cmath>
 #include <vector>
