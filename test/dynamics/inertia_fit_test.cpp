@@ -87,6 +87,7 @@ TEST(InertiaFit, FindsMassAndDampingOfAnArmThatRings) {
       draws, mass_inside, 100 * mass_error, damping_inside, 100 * damping_error);
   EXPECT_GE(mass_inside, test::leastOf(draws, 0.9));
   EXPECT_GE(damping_inside, test::leastOf(draws, 0.9));
+  EXPECT_GE(mass_inside + damping_inside, test::leastOf(2 * draws, 0.93));
   EXPECT_LE(mass_inside + damping_inside, 2 * draws - (test::isFullSize() ? 1 : 0));
   EXPECT_LT(mass_error, 0.05);
   EXPECT_LT(damping_error, 0.2);

@@ -141,5 +141,15 @@ TEST(TipPathFile, WhatIsWrittenIsReadAsTheSame) {
             "# two\n# lines\ntime_s,x_m,y_m,z_m\n0,0.4,0,-0.5\n0.1,1,2,3\n");
 }
 
+TEST(TipPathFile, TimesAscendByTheShortestStep) {
+  const auto faultsOf = [](const std::string& rows) {
+    return test::tableFaults(kHeader + rows,
+                             [](const std::string& path) { loadTipPath(loadDataSet(path)); });
+  };
+  EXPECT_EQ(faultsOf("0,0,0,0\n1e-6,0,0,0\n"), "");
+  EXPECT_EQ(faultsOf("0.5,0,0,0\n0.5,0,0,0\n"),
+            ":3 time_s is not at least 1e-06 s after line 2; expected ascending times");
+}
+
 }  // namespace
 }  // namespace helix_arm::io

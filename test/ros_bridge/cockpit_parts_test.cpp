@@ -132,5 +132,15 @@ TEST_F(HeldGoalTest, EndsWhereNothingAnswers) {
   EXPECT_TRUE(turnAt(20.0 + HeldGoal::kUnanswered - 0.01)) << "it has its own time";
 }
 
+TEST(StripHistory, AxesHoldAllValuesInSteps) {
+  StripHistory history(30, 0);
+  history.add(1, {1.1e5, 0}, 0.0011);
+  EXPECT_EQ(history.pressureTop(1e5), 2e5);
+  EXPECT_DOUBLE_EQ(history.errorTop(1e-3), 2e-3);
+  history.add(2, {2.1e5, 0}, 0.0051);
+  EXPECT_EQ(history.pressureTop(1e5), 5e5);
+  EXPECT_DOUBLE_EQ(history.errorTop(1e-3), 1e-2);
+}
+
 }  // namespace
 }  // namespace helix_arm::ros_bridge

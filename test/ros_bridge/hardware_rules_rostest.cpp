@@ -45,6 +45,14 @@ class HardwareRules : public ::testing::TestWithParam<Line> {
 INSTANTIATE_TEST_SUITE_P(, HardwareRules, ::testing::ValuesIn(linesBySize(Line::kModbus)),
                          nameOfLine);
 
+TEST_P(HardwareRules, TargetsAloneDoNotEnable) {
+  rig_.command(kPressures);
+  EXPECT_EQ(answerAfter(20).fault, "not_enabled");
+  EXPECT_EQ(rig_.safety.last().state, "disabled");
+  EXPECT_TRUE(regulator_.isVented());
+  EXPECT_TRUE(regulator_.setPoint().isZero());
+}
+
 TEST_P(HardwareRules, ACommanderThatIsDoneLeavesTheArmAtRest) {
   // A target that is on its way cancels a request, and a busy machine may be silent for too long.
   ASSERT_TRUE(waitFor(
