@@ -270,6 +270,20 @@ TEST(SafetyTimes, EachChannelMustBeReadWithinItsTimeout) {
   EXPECT_EQ(blind.cause(), Cause::kStaleReading);
 }
 
+TEST(SafetyTimes, AChannelThatAnswersInTurnsIsRead) {
+  Bench bench = enabledBench();
+  int k = 0;
+  bench.spoil = [&](Eigen::VectorXd& reading) {
+    for (int i = 0; i < 3; ++i) {
+      if (i != k % 3) reading[i] = std::nan("");
+    }
+    ++k;
+  };
+  bench.run(10);
+  EXPECT_EQ(bench.state(), State::kEnabled);
+  EXPECT_EQ(bench.core.reading(), bench.pressure);  // the newest of each, and they stand
+}
+
 // A fault in which every channel does what its action says.
 void starve(Bench& bench) {
   bench.supply = 1e5;

@@ -156,7 +156,9 @@ TEST(PoseCheck, OthersAreRefused) {
             Fault::kNotUnitQuaternion);
   EXPECT_EQ(faultOfPose({0, 0, 0}, {1 - 1.1 * kQuaternionTolerance, 0, 0, 0}),
             Fault::kNotUnitQuaternion);
+  EXPECT_EQ(faultOfPose({0, 0, 0}, {1, kNan, 0, 0}), Fault::kNotFinite);
   EXPECT_EQ(faultOfPose({0, 0, 0}, {kInfinity, 0, 0, 0}), Fault::kNotFinite);
+  EXPECT_EQ(faultOfPose({0, kNan, 0}, unit), Fault::kNotFinite);
   EXPECT_EQ(faultOfPose({0, 0, -kInfinity}, unit), Fault::kNotFinite);
 }
 

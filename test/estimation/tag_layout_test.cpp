@@ -133,6 +133,12 @@ TEST(Camera, DirectionAndPixelUndoEachOther) {
   EXPECT_LT(worst, 1e-9);
 }
 
+TEST(Camera, SeesNothingBehindItself) {
+  const Camera camera = test::sampleCamera();
+  EXPECT_FALSE(camera.project({0.1, 0.1, -1}));
+  EXPECT_FALSE(camera.project({0.1, 0.1, 0}));
+}
+
 TEST(Camera, SeesNothingWhereTheDistortionFoldsBack) {
   // radial = 1 - r2 turns back at r2 = 1/3.
   const Camera camera{640, 480, 500, 500, 320, 240, {-1.0, 0, 0, 0, 0, 0, 0, 0}};

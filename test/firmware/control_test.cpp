@@ -56,7 +56,7 @@ TEST_P(BoardLoop, PressuresFollowTheirSetPoints) {
       GetParam().name().c_str(), worst.steady_error / 1e3, worst.overshoot / 1e3, worst.time);
 }
 
-INSTANTIATE_TEST_SUITE_P(, BoardLoop, testing::ValuesIn(kEachPart), nameOfKind);
+INSTANTIATE_TEST_SUITE_P(, BoardLoop, testing::ValuesIn(drawnBoards()), nameOfKind);
 
 class BoardControl : public testing::TestWithParam<BoardKind> {};
 
@@ -135,7 +135,7 @@ TEST(BoardForFewerChannels, HasNoOthers) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(, BoardControl, testing::ValuesIn(kEachPart), nameOfKind);
+INSTANTIATE_TEST_SUITE_P(, BoardControl, testing::ValuesIn(drawnBoards()), nameOfKind);
 
 }  // namespace
 }  // namespace helix_arm::test

@@ -239,7 +239,7 @@ TEST_P(BoardFaults, ASupplyThatFallsIsNoOverPressure) {
   expectRecovery();
 }
 
-INSTANTIATE_TEST_SUITE_P(, BoardFaults, testing::ValuesIn(kEachPart), nameOfKind);
+INSTANTIATE_TEST_SUITE_P(, BoardFaults, testing::ValuesIn(drawnBoards()), nameOfKind);
 
 }  // namespace
 }  // namespace helix_arm::test

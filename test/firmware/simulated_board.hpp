@@ -28,6 +28,8 @@
 #include <sim_avr.h>
 #include <sim_elf.h>
 
+#include "support/test_size.hpp"
+
 namespace helix_arm::test {
 
 /// A pin of the chip: port 'A' to 'L', bit 0 to 7.
@@ -575,6 +577,13 @@ inline void PrintTo(const BoardKind& kind, std::ostream* out) { *out << kind.nam
 
 /// Each chip and each kind of valve once.
 inline const BoardKind kEachPart[] = {{"atmega328p", "solenoid"}, {"atmega2560", "proportional"}};
+/// Every build in full size, by default each part once.
+inline std::vector<BoardKind> drawnBoards() {
+  std::vector<BoardKind> out(kEachPart, kEachPart + 2);
+  if (isFullSize())
+    out.insert(out.end(), {{"atmega328p", "proportional"}, {"atmega2560", "solenoid"}});
+  return out;
+}
 inline const BoardKind kSmallBoard = kEachPart[0];
 /// A build for fewer channels than the chip has.
 inline const BoardKind kFiveChannels = {"atmega2560", "solenoid", 5};

@@ -21,6 +21,10 @@ TEST(SceneFaults, OverridesNameTheirKey) {
       {{"arm.sections.0.ring.radius_m", "-5"},
        " --set arm.sections.0.ring.radius_m: arm.sections[0].ring.radius_m is -5; expected a "
        "finite value > 0"},
+      {{"safety.slew_kpas", "1"},
+       " --set safety.slew_kpas: safety.slew_kpas is not a known key; did you mean slew_kpa_s?"},
+      {{"safety", "{commander_timeout_s: 1, commander_timeout_s: 2}"},
+       " --set safety: safety.commander_timeout_s is given twice; expected it once"},
       {{"arm.sections.7.name", "x"},
        " --set arm.sections.7.name: arm.sections has 2 entries; expected an index from 0, not 7"},
   };

@@ -12,6 +12,7 @@
 #include "helix_arm/TagDetections.h"
 #include "helix_arm/io/scene.hpp"
 #include "ros_bridge/common/conversions.hpp"
+#include "support/has.hpp"
 #include "support/random.hpp"
 #include "support/refusal.hpp"
 #include "support/shipped_scene.hpp"
@@ -161,6 +162,22 @@ TEST(BagCaptures, PosesOfAMotionCaptureSystemAreTakenFromItsOwnTopics) {
   }
   ASSERT_FALSE(data.warnings.empty());
   EXPECT_NE(data.warnings[0].find("40.0"), std::string::npos) << data.warnings[0];
+}
+
+TEST(BagCaptures, MissingTopicsAndAnotherArmAreNamed) {
+  const test::TemporaryFolder folder;
+  Recording empty(folder / "empty.bag"), other(folder / "other.bag");
+  other.play({0, 0, 0}, 1, true);
+  PressureArray foreign;
+  foreign.name = {"bellows"};
+  foreign.pressure = {1e5};
+  other.write("/pressure_measured", foreign, 0);
+  for (const auto& [path, words] : {std::pair{empty.close(), "tag_detections is missing"},
+                                    std::pair{other.close(), "not of this arm"}}) {
+    const std::string& bag = path;
+    EXPECT_TRUE(
+        test::has(test::refusal<io::DocumentError>([&] { loadBag(bag, demo(), {}); }), words));
+  }
 }
 
 // A node loads recordings beside an arm: no damage ends it, or leaves a process behind.

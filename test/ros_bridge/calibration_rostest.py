@@ -12,7 +12,7 @@ from std_srvs.srv import Trigger
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", "support"))
 from calibration_rig import CalibrationRig  # noqa: E402
-from helix_arm.msg import ModelError, SafetyState, TargetStatus  # noqa: E402
+from helix_arm.msg import ModelError, RunCalibrationActionResult, SafetyState, TargetStatus  # noqa: E402
 from helix_arm.srv import Reload  # noqa: E402
 
 PLAN = [3e5, 0, 0, 0, 3e5, 0, 3e5, 3e5, 0, 0, 0, 3e5]  # whose pressures are high
@@ -100,6 +100,20 @@ class CalibrationFaults(CalibrationRig):
         self.assertEqual(self.calibration.code(), -signal.SIGKILL)
         self.assert_wait(lambda: (self.safety[-1].state, self.safety[-1].cause) == (SafetyState.VENTED, "stale_target"))
         self.assert_rest()
+
+    def test_without_the_node_that_asked_for_it_a_run_ends(self):
+        """The client is another process, and killed."""
+        results = self.inbox("calibration/run_calibration/result", RunCalibrationActionResult)
+        self.free_the_arm()
+        first = len(self.targets)
+        client = self.run_node("", "pub", "/calibration/run_calibration/goal", "helix_arm/RunCalibrationActionGoal",
+                               "{goal: {fit: [K_kappa], plan: %s}}" % PLAN, command=["rostopic"])
+        self.assertTrue(self.command.next(lambda command: command.pressure[0] > 2.9e5), client.output())
+        client.signal(signal.SIGKILL)
+        self.assert_wait(lambda: results)
+        self.assertEqual(results[-1].status.status, GoalStatus.ABORTED)
+        self.assertIn("is gone or does not answer", results[-1].result.message)
+        self.assert_rest(first)
 
 
 if __name__ == "__main__":

@@ -37,7 +37,13 @@ TEST(Possibility, FollowsFromTheState) {
   view.channels[0].upper = kUnknown;
   EXPECT_FALSE(maySlide(view).possible()) << "whose limits are not known";
   view = arm("enabled");
-  view.calibration.there = view.calibration.running = true;
+  view.calibration.there = true;
+  EXPECT_TRUE(mayCalibrate(view).possible());
+  view.goal = CockpitGoal::kPressures;
+  EXPECT_FALSE(mayCalibrate(view).possible()) << "the cockpit holds the arm";
+  view.goal = CockpitGoal::kNone;
+  view.calibration.running = true;
+  EXPECT_FALSE(mayCalibrate(view).possible()) << "no second goal";
   EXPECT_TRUE(mayCancel(view).possible());
   EXPECT_FALSE(mayHold(view).possible() || mayAimTip(view).possible() || maySlide(view).possible());
   view = arm("disabled");

@@ -12,9 +12,9 @@ from actionlib_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.realpath(__file__)), "..", "support"))
-from helix_arm.msg import FollowTipPathResult, LoopStatus, SafetyState  # noqa: E402
+from helix_arm.msg import FollowTipPathResult, LoopStatus, PressureArray, SafetyState, TargetStatus  # noqa: E402
 from helix_arm.srv import Reload  # noqa: E402
-from loop_rig import BESIDE, MIDDLE, LoopRig, call, goal_along, place, target_at  # noqa: E402
+from loop_rig import BESIDE, MIDDLE, LoopRig, call, goal_along, place, target_at, wait_for  # noqa: E402
 from processes import SOURCE  # noqa: E402
 
 NODES = ("visual_servo", "pressure_command", "vision")  # that hold one scene; who may refuse first
@@ -118,6 +118,20 @@ class FollowTipPath(LoopRig):
         self.assert_comes_to(LoopStatus.IDLE)
         self.send(goal_along([MIDDLE, BESIDE], 1.0))
         self.assert_ends(FollowTipPathResult.NOT_ENABLED, "enable")
+
+    def test_another_commander_keeps_the_arm(self):
+        hold = PressureArray(pressure=[5e4] * 3)
+
+        def kept(condition):
+            hold.header.stamp = rospy.Time.now()
+            self.pressure_target.publish(hold)
+            return wait_for(condition, 0.1)
+
+        self.assert_wait(lambda: kept(lambda: self.status and self.status[-1].topic == "pressure_target" and
+                                      self.status[-1].outcome == TargetStatus.REACHED))
+        self.send(goal_along([MIDDLE, BESIDE], 1.0))
+        self.assert_wait(lambda: kept(self.is_done))
+        self.assert_ends(FollowTipPathResult.NOT_ENABLED, rospy.get_name())
 
     def test_a_path_file_is_followed_and_leaves_a_record_and_its_figure(self):
         record, figure = self.path("run.csv"), self.path("run.png")

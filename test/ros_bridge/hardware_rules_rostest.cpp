@@ -3,6 +3,9 @@
 // regulator does not hear.
 #include <csignal>
 
+#include <actionlib_msgs/GoalStatusArray.h>
+
+#include "helix_arm/FollowTipPathActionResult.h"
 #include "helix_arm/Reload.h"
 #include "ros_bridge/common/client_watch.hpp"
 #include "support/hardware_rig.hpp"
@@ -132,6 +135,25 @@ TEST_P(GoneClient, LeavesAnArmThatVents) {
   EXPECT_EQ(rig_.safety.last().cause, "stale_target");
   EXPECT_TRUE(loop_.prints("/client/follow_path, is gone or does not answer"));
   client_->signal(SIGCONT);
+}
+
+// The check of so long a path takes about as long as it takes to miss the client.
+TEST_F(ClientOfTheLoop, ThatDiesWhileItsGoalIsCheckedLeavesNothingMoving) {
+  ros::NodeHandle node("/client");
+  Inbox<actionlib_msgs::GoalStatusArray> goals(node, "visual_servo/follow_tip_path/status");
+  Inbox<FollowTipPathActionResult> results(node, "visual_servo/follow_tip_path/result");
+  follow(9000);
+  ASSERT_TRUE(goals.next([](const auto& goal) { return !goal.status_list.empty(); }))
+      << client_->outputNow();
+  client_->signal(SIGKILL);
+  ASSERT_TRUE(waitFor([&] { return !results.all().empty(); }, 60)) << loop_.outputNow();
+  EXPECT_EQ(results.last().result.error_code, FollowTipPathResult::CLIENT_LOST)
+      << results.last().result.error_string;
+  if (results.last().status.status == actionlib_msgs::GoalStatus::REJECTED) {
+    EXPECT_TRUE(regulator_.setPoint().isZero()) << "it was never begun";
+  } else {
+    EXPECT_TRUE(rig_.comesTo("vented")) << rig_.safety.last().reason;
+  }
 }
 
 TEST_F(ClientOfTheLoop, ThatLivesIsServedToTheEndAndTheArmThenRests) {

@@ -56,6 +56,14 @@ std::string resultOf(PathChecker& checker) {
   return out ? messageOf(*out) : "no result";
 }
 
+TEST(PathChecker, WhatACheckThrowsIsItsResult) {
+  PathChecker checker;
+  checker.begin([](const std::atomic<bool>&) -> DecidedGoal {
+    throw std::runtime_error("no shape holds the load");
+  });
+  EXPECT_EQ(resultOf(checker), "no shape holds the load");
+}
+
 TEST(PathChecker, AFloodOfChecksHasTwoThreadsAndTheLastOneIsAnswered) {
   Checks checks;
   checks.heed_stop = false;  // the worst of checks

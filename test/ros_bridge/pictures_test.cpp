@@ -83,6 +83,14 @@ TEST(CameraInfo, AnInvalidCalibrationIsRefused) {
     void (*spoil)(Info& info);
   } kRows[] = {
       {"not calibrated", [](Info& i) { i = {}; }},
+      {"is not valid", [](Info& i) { i.K[0] = -600; }},
+      {"14 coefficients",
+       [](Info& i) {
+         i.D.assign(14, 0.1);
+         i.distortion_model = "rational_polynomial";
+       }},
+      {"skew", [](Info& i) { i.K[1] = 12; }},
+      {"far from the centre", [](Info& i) { i.K[2] = 0.24 * i.width; }},
       {"'equidistant'", [](Info& i) { i.distortion_model = "equidistant"; }},
       {"K transposed",
        [](Info& i) {
