@@ -45,7 +45,7 @@ inline constexpr char kTipHandle[] = "tip_handle";      ///< interactive marker 
 inline constexpr char kClock[] = "/clock";              ///< of simulated time
 inline constexpr char kTf[] = "/tf";                    ///< frames; one for all robots
 inline constexpr char kStaticTf[] = "/tf_static";       ///< fixed frames, latched
-inline constexpr char kDiagnostics[] = "/diagnostics";  ///< of all robots (REP-107)
+inline constexpr char kDiagnostics[] = "/diagnostics";  ///< states of all robots (REP-107)
 
 // Services and actions, below the names of their nodes.
 inline constexpr char kReload[] = "reload";
