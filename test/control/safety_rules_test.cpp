@@ -328,6 +328,19 @@ TEST(SafetyTimes, AVentIsOverdueWhilePressureRemainsAfterItsTime) {
   EXPECT_FALSE(bench.core.report().vent_overdue);
 }
 
+TEST(SafetyTimes, ReturningPressureRestartsTheVentTime) {
+  Bench bench = enabledBench();
+  bench.core.vent(bench.now);
+  ASSERT_TRUE(bench.reach(State::kVented));
+  bench.run(10);
+  bench.readsAs(1, 5e4);
+  ASSERT_TRUE(bench.reach(State::kFault));
+  bench.run(3);
+  EXPECT_FALSE(bench.core.report().vent_overdue);
+  bench.turn();
+  EXPECT_TRUE(bench.core.report().vent_overdue);
+}
+
 TEST(SafetyTimes, AHeldChannelIsOverdueOnlyAfterItsOwnVent) {
   Bench bench = enabledBench();
   starve(bench);
@@ -444,6 +457,19 @@ TEST(SafetyRest, PressureAfterTheVentTimeIsAFaultThatVents) {
   bench.turn();
   EXPECT_TRUE(bench.core.report().vent_overdue);
   EXPECT_FALSE(bench.core.mayEnableItself());
+}
+
+TEST(SafetyRest, ACancelledRampRestartsItsVentTime) {
+  Bench bench = restingBench();
+  bench.readsAs(1, 2e4).run(2.5);
+  ASSERT_EQ(bench.state(), State::kEnabled);
+  bench.core.target(bench.now, Eigen::Vector3d::Zero());
+  bench.turn();
+  ASSERT_TRUE(bench.core.rest(bench.now));
+  bench.run(2.5);
+  EXPECT_EQ(bench.state(), State::kEnabled);
+  bench.run(1);
+  EXPECT_EQ(bench.cause(), Cause::kNotVenting);
 }
 
 // Noise shows a channel empty whose last pressure is leaving; what stands for longer is a fault.
